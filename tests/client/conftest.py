@@ -26,7 +26,7 @@ def other() -> Iterator[FakeServer]:
 
 
 class ManualClock:
-    """The clock of an event loop: sleeps end and frames are due when the test says so, however slow the machine."""
+    """The clock of an event loop: sleeps end and frames are due when the test advances it, however slow the machine."""
 
     def __init__(self, now_s: float) -> None:
         self.now_s = now_s

@@ -1,4 +1,4 @@
-"""A small server that speaks the protocol with synthetic frames: no model, no engine, and mistakes on demand.
+"""A small server that follows the protocol with synthetic frames: no model, no engine, and mistakes on demand.
 
 It runs in threads, so that clients with and without asyncio can be tested in one process.
 """
@@ -60,7 +60,7 @@ class FakeStream:
         self.outgoing.put(code)
 
     def read(self, requests: Iterator[service_pb2.StreamMotionRequest], refuse: Callable[..., str]) -> None:
-        """Handle the client's messages until it ends or breaks off."""
+        """Handle the client's messages until it ends or cancels the call."""
         try:
             for request in requests:
                 match request.WhichOneof("stream_event"):

@@ -1,4 +1,4 @@
-"""A session without a stream: what it says is noted, and it hears what a test has its server say."""
+"""A session without a stream: its events are recorded, and a test passes it the server's updates."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ TOKEN = "a-token.1"
 
 
 class Line:
-    """What a session says, in place of a stream."""
+    """Takes the place of a stream: records the events that a session sends."""
 
     call_number = 1
     draining = False
@@ -29,7 +29,7 @@ class Line:
         self.backlog = Backlog()
 
     def check(self, event: session_pb2.SessionEvent) -> None:
-        """All fit."""
+        """Every event fits into a message."""
 
     def send(self, event: session_pb2.SessionEvent) -> None:
         copied = session_pb2.SessionEvent()
@@ -37,7 +37,7 @@ class Line:
         self.said.append(copied)
 
     def report_soon(self) -> None:
-        """Playheads are of no use here."""
+        """Playheads are not reported here."""
 
     def move_elsewhere(self, handle: int, refusal: EventRefused) -> bool:
         return False
@@ -69,19 +69,19 @@ def frames(plan: int, first_frame: int = 0) -> list[session_pb2.SessionUpdate]:
 
 
 def answer(event_seq: int, **what: object) -> session_pb2.SessionUpdate:
-    """To an event: taken, or refused where there is a code."""
+    """The outcome of an event: accepted, or refused if there is a code."""
     outcome = session_pb2.EditOutcome(event_seq=event_seq, **what)  # type: ignore[arg-type]
     return session_pb2.SessionUpdate(session=1, outcome=outcome)
 
 
 def told(constraint_id: int, frame: int) -> session_pb2.SessionUpdate:
-    """That a constraint was met."""
+    """An update which says that a constraint was met."""
     reached = session_pb2.ConstraintReached(constraint_id=constraint_id, met=True, frame=frame)
     return session_pb2.SessionUpdate(session=1, constraint_reached=reached)
 
 
 async def open_session(line: Line, token: str = TOKEN) -> Session:
-    """token: "" of a server that resumes none."""
+    """token: "" for a server that resumes no sessions."""
     session = Session(1, line, convert.catalog(catalog(100)), time.monotonic)
     opening = asyncio.create_task(session.begin(SessionOptions(), None, {}, [], None))
     await until(lambda: line.said)
@@ -91,7 +91,7 @@ async def open_session(line: Line, token: str = TOKEN) -> Session:
 
 
 async def open_with_frames(line: Line) -> Session:
-    """A session of a server that keeps none, with frames up to HORIZON."""
+    """A session of a server that keeps no sessions, with frames up to HORIZON."""
     session = await open_session(line, token="")
     for update in frames(1):
         session.hear(update)
@@ -99,13 +99,13 @@ async def open_with_frames(line: Line) -> Session:
 
 
 def said_since_opened(line: Line) -> list[session_pb2.SessionEvent]:
-    """What followed the newest OpenSession, which may be one that resumes."""
+    """The events after the newest OpenSession, which may be one that resumes."""
     (*_, opening) = [number for number, event in enumerate(line.said) if event.HasField("open")]
     return line.said[opening + 1 :]
 
 
 def open_anew(session: Session, line: Line, *placements: motion_pb2.ConstraintPlacement) -> None:
-    """The line is lost, and the next server has not kept the session, which goes on behind the frames that it holds."""
+    """Lose the connection, and reopen the session at a server that has not kept it, after the frames that it holds."""
     session.interrupt()
     session.reattach(convert.catalog(catalog(100)))
     if line.said[-1].open.resume_token:

@@ -1,4 +1,4 @@
-"""The client of a server's admin service, against one that says odd things."""
+"""The client of a server's admin service, against a server that gives unusual answers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.waiting import LIMIT_S
 
 
 class Admin(admin_pb2_grpc.MotionAdminServiceServicer):
-    """Its models do what no client knows, and to load one takes for ever."""
+    """Its models have a state that no client knows, and loading one never ends."""
 
     def __init__(self) -> None:
         self.is_asked = False
@@ -53,13 +53,13 @@ def served() -> Iterator[tuple[Admin, str]]:
     threads.shutdown()
 
 
-async def test_a_state_of_a_newer_server_is_no_error(served: tuple[Admin, str]) -> None:
+async def test_unknown_model_state_is_read_as_unspecified(served: tuple[Admin, str]) -> None:
     async with AdminClient(served[1]) as client:
         (status,) = await client.list_models()
     assert (status.model_id, status.state) == ("one", "unspecified")
 
 
-async def test_who_waits_while_the_client_is_closed_is_told_so(served: tuple[Admin, str]) -> None:
+async def test_closing_the_client_ends_a_pending_load_with_stream_lost(served: tuple[Admin, str]) -> None:
     admin, address = served
     client = AdminClient(address)
     loading = asyncio.create_task(client.load_model("tiny"))
@@ -70,7 +70,7 @@ async def test_who_waits_while_the_client_is_closed_is_told_so(served: tuple[Adm
 
 
 @pytest.mark.parametrize("grace_s", [-1.0, math.nan, math.inf, 3601.0])
-async def test_a_grace_that_cannot_be_is_refused_here(served: tuple[Admin, str], grace_s: float) -> None:
+async def test_invalid_grace_is_refused_by_the_client(served: tuple[Admin, str], grace_s: float) -> None:
     async with AdminClient(served[1]) as client:
         for call in (client.unload_model, client.reload_model):
             with pytest.raises(InvalidInput, match="grace_s"):

@@ -1,4 +1,4 @@
-"""A server that wishes nobody back for a while is heeded as long as the application is patient, an hour at most."""
+"""A delay before reconnection that a server asks for is kept until `recover_s` ends, and for an hour at most."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PATIENT = LinePolicy(recover_s=60.0, ping_s=1e6, pong_timeout_s=1e6)
 
 
 class Loading(grpc.Status):
-    """How a server refuses a stream that cannot serve yet."""
+    """The status with which a server refuses streams until it has loaded its model."""
 
     code = grpc.StatusCode.UNAVAILABLE
     details = "it loads its model"
@@ -26,30 +26,34 @@ class Loading(grpc.Status):
 
 
 async def go_away(client: MotionClient, server: FakeServer, session: Session) -> None:
-    """The server says goodbye for an hour, and ends the stream."""
+    """Have the server ask for no reconnection within an hour, and end the stream."""
     goodbye = service_pb2.Goodbye(reason=service_pb2.GOODBYE_REASON_DRAINING)
     goodbye.reconnect_after.FromSeconds(3600)
     server.stream.outgoing.put(service_pb2.StreamMotionResponse(goodbye=goodbye))
     server.stream.end()
     await until(lambda: session.is_away)
-    for _ in range(10):  # what tries for another call has begun to wait
+    for _ in range(10):  # until the task that makes the next call has begun to wait
         await asyncio.sleep(0)
 
 
-async def test_the_last_attempt_is_made_when_the_patience_ends(clock: ManualClock, server: FakeServer) -> None:
+async def test_last_attempt_is_made_when_recover_s_ends_however_long_the_server_asks(
+    clock: ManualClock, server: FakeServer
+) -> None:
     async with MotionClient(server.address, policy=PATIENT) as client:
         session = await client.open("walk")
         await go_away(client, server, session)
         clock.advance(59)
         for _ in range(10):
             await asyncio.sleep(0)
-        assert len(server.streams) == 1, "it is not to come back yet"
+        assert len(server.streams) == 1, "it must not reconnect yet"
         clock.advance(1.5)
         await until(lambda: session.reopenings)
         assert len(server.streams) == 2
 
 
-async def test_that_it_came_to_nothing_is_told_then(clock: ManualClock, server: FakeServer) -> None:
+async def test_failed_last_attempt_is_reported_to_callers_when_recover_s_ends(
+    clock: ManualClock, server: FakeServer
+) -> None:
     async with MotionClient(server.address, policy=PATIENT) as client:
         session = await client.open("walk")
         server.turned_away = [Loading()] * 9
@@ -59,6 +63,6 @@ async def test_that_it_came_to_nothing_is_told_then(clock: ManualClock, server: 
             await session.constraint_reached(1)
 
 
-def test_nobody_waits_longer_than_a_server_can_be_set_to_ask_for() -> None:
+def test_delay_asked_for_by_a_server_is_capped_at_an_hour() -> None:
     assert Backoff().next_s(60.0) == 60.0
     assert Backoff().next_s(1e18) == LONGEST_ASKED_S == 3600.0

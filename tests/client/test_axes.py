@@ -1,4 +1,4 @@
-"""Known poses in the axes of engines: each engine's own words for forward, left and a turn."""
+"""Known poses in the axes of game engines: each engine's own coordinates for forward, left and a turn."""
 
 from __future__ import annotations
 
@@ -12,14 +12,16 @@ from motiongen_client.kinematics import forward_kinematics, quaternion_to_matrix
 
 HALF = math.sqrt(0.5)
 TURNED_LEFT = (HALF, 0, HALF, 0)  # w x y z: a quarter about +Y, from +Z toward +X, which is to the left
-BOWED = (HALF, HALF, 0, 0)  # a quarter about +X, the way from up to forward
+BOWED = (HALF, HALF, 0, 0)  # a quarter about +X, from up to forward
 
 
 @pytest.mark.parametrize(
     ("axes", "one_forward_two_left_three_up"),
     [(UNREAL, (100, -200, 300)), (UNITY, (-2, 3, 1)), (GODOT, (-2, 3, -1)), (ROS, (1, 2, 3))],
 )
-def test_a_point_ahead_to_the_left_and_above(axes: Axes, one_forward_two_left_three_up: tuple[float, ...]) -> None:
+def test_point_ahead_left_and_above_has_each_engines_coordinates(
+    axes: Axes, one_forward_two_left_three_up: tuple[float, ...]
+) -> None:
     assert axes.positions((2, 3, 1)) == pytest.approx(one_forward_two_left_three_up)
 
 
@@ -32,7 +34,9 @@ def test_a_point_ahead_to_the_left_and_above(axes: Axes, one_forward_two_left_th
         (ROS, False, (0, 0, HALF, HALF)),  # a yaw of +90 degrees
     ],
 )
-def test_a_turn_to_the_left(axes: Axes, left_handed: bool, turned_left: tuple[float, ...]) -> None:
+def test_turn_to_the_left_has_each_engines_quaternion(
+    axes: Axes, left_handed: bool, turned_left: tuple[float, ...]
+) -> None:
     assert axes.is_left_handed is left_handed
     assert axes.quaternions_xyzw(TURNED_LEFT) == pytest.approx(turned_left)
 
@@ -46,13 +50,13 @@ def test_a_turn_to_the_left(axes: Axes, left_handed: bool, turned_left: tuple[fl
         (ROS, (0, HALF, 0, HALF)),  # a pitch of +90 degrees is nose down
     ],
 )
-def test_a_bow(axes: Axes, bowed: tuple[float, ...]) -> None:
+def test_bow_has_each_engines_quaternion(axes: Axes, bowed: tuple[float, ...]) -> None:
     turned = axes.quaternions_xyzw(BOWED)
     assert turned == pytest.approx(bowed)
 
 
 @pytest.mark.parametrize("axes", [UNREAL, UNITY, GODOT, ROS], ids=lambda axes: axes.name)
-def test_a_skeleton_posed_there_stands_as_the_one_posed_here(axes: Axes) -> None:
+def test_skeleton_posed_in_engine_axes_has_the_same_joint_positions(axes: Axes) -> None:
     rng = np.random.default_rng(3)
     parents, offsets = (-1, 0, 1, 1), rng.normal(size=(4, 3))
     rotations, root = rng.normal(size=(4, 4)), rng.normal(size=3)
@@ -64,7 +68,7 @@ def test_a_skeleton_posed_there_stands_as_the_one_posed_here(axes: Axes) -> None
 
 
 @pytest.mark.parametrize("axes", [UNREAL, UNITY, GODOT, ROS], ids=lambda axes: axes.name)
-def test_a_rotation_is_the_same_change_of_axes(axes: Axes) -> None:
+def test_quaternions_are_converted_as_rotation_matrices_are(axes: Axes) -> None:
     rotation = quaternion_to_matrix(np.array([0.1, 0.7, -0.5, 0.5]))
     quaternion = np.roll(axes.quaternions_xyzw((0.1, 0.7, -0.5, 0.5)), 1)
     assert quaternion_to_matrix(quaternion) == pytest.approx(axes.matrix @ rotation @ axes.matrix.T)

@@ -1,4 +1,4 @@
-"""The thread behind the blocking client: whoever waits for it at its end is told, and nothing it ran is left."""
+"""The thread behind the blocking client: its end reaches callers that wait for it, and it leaves nothing running."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def loop() -> Iterator[BackgroundLoop]:
 
 
 class Counting:
-    """A generator without end that says when it was closed."""
+    """A generator without end that records when it was closed."""
 
     def __init__(self) -> None:
         self.is_closed = False
@@ -40,7 +40,7 @@ class Counting:
         return await anext(self.numbers)
 
 
-def test_who_waits_when_it_is_stopped_is_told(loop: BackgroundLoop) -> None:
+def test_stopping_the_loop_ends_a_waiting_call_with_session_ended(loop: BackgroundLoop) -> None:
     begun = threading.Event()
 
     async def wait_forever() -> None:
@@ -55,7 +55,7 @@ def test_who_waits_when_it_is_stopped_is_told(loop: BackgroundLoop) -> None:
             waiting.result()
 
 
-def test_after_the_end_what_is_asked_is_refused_and_what_ends_has_ended(loop: BackgroundLoop) -> None:
+def test_stopped_loop_closes_generators_and_refuses_calls_but_not_cleanup(loop: BackgroundLoop) -> None:
     counting = Counting()
     assert loop.run(counting.next()) == 0
     loop.stop()
@@ -67,26 +67,26 @@ def test_after_the_end_what_is_asked_is_refused_and_what_ends_has_ended(loop: Ba
     loop.leave(counting.numbers)
 
 
-def test_one_that_is_left_is_closed_before_what_is_asked_next(loop: BackgroundLoop) -> None:
+def test_abandoned_generator_is_closed_before_the_next_call(loop: BackgroundLoop) -> None:
     counting = Counting()
     assert loop.run(counting.next()) == 0
     loop.leave(counting.numbers)
     assert loop.call(lambda: counting.is_closed)
 
 
-def test_one_may_be_left_on_the_thread_of_the_loop(loop: BackgroundLoop) -> None:
+def test_generator_may_be_abandoned_on_the_thread_of_the_loop(loop: BackgroundLoop) -> None:
     counting = Counting()
     assert loop.run(counting.next()) == 0
     loop.call(lambda: loop.leave(counting.numbers))
     assert loop.call(lambda: counting.is_closed)
 
 
-def test_what_is_raised_there_is_raised_here(loop: BackgroundLoop) -> None:
+def test_exception_on_the_loop_is_raised_in_the_calling_thread(loop: BackgroundLoop) -> None:
     with pytest.raises(ZeroDivisionError):
         loop.call(lambda: 1 // 0)
 
 
-def test_on_its_own_thread_nobody_waits_for_it(loop: BackgroundLoop) -> None:
+def test_blocking_calls_on_the_thread_of_the_loop_are_refused(loop: BackgroundLoop) -> None:
     async def wait_inside() -> list[str]:
         said = []
         for ask in (lambda: loop.call(lambda: 1), loop.stop):

@@ -1,4 +1,4 @@
-"""What waits until a server reads or hears it is bounded: beyond that edits are refused, and what was taken is kept."""
+"""Bytes that wait for a server are bounded: edits beyond the bound are refused, and those accepted before are kept."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.client.waiting import received, until
 
 
 @pytest.fixture(autouse=True)
-def little_room(monkeypatch: pytest.MonkeyPatch) -> None:
+def small_backlog(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(backlog, "MOST_WAITING_BYTES", 4 * EVENT_BYTES)
 
 
@@ -25,13 +25,13 @@ def an_event(number: int, text: str = "") -> session_pb2.SessionEvent:
     return event
 
 
-def parted(edits: list[Edit]) -> tuple[list[Edit], list[Edit]]:
-    """Those that were taken on and those that were refused at once."""
+def split_by_refusal(edits: list[Edit]) -> tuple[list[Edit], list[Edit]]:
+    """The edits that were accepted, and those that were refused at once."""
     return [edit for edit in edits if not edit.done()], [edit for edit in edits if edit.done()]
 
 
-async def lose_the_line(client: MotionClient, server: FakeServer) -> None:
-    """The next is made when the event loop goes round again, at the soonest."""
+async def lose_the_connection(client: MotionClient, server: FakeServer) -> None:
+    """Returns before the event loop can make another connection."""
     server.stream.fail(grpc.StatusCode.UNAVAILABLE)
     await until(lambda: not client.is_connected)
 
@@ -43,32 +43,34 @@ async def check_refused(edit: Edit) -> None:
     assert edit.event_seq == 0
 
 
-async def test_while_the_line_is_lost_only_so_much_is_kept(
+async def test_edits_beyond_the_backlog_are_refused_while_disconnected(
     client: MotionClient, server: FakeServer, caplog: pytest.LogCaptureFixture
 ) -> None:
     session = await client.open("a person walks")
-    await lose_the_line(client, server)
+    await lose_the_connection(client, server)
     edits = [session.set_prompt(f"prompt {number}") for number in range(12)]
     late = session.add_waypoint(1, 2, frame=900)
-    taken, refused = parted(edits)
+    taken, refused = split_by_refusal(edits)
     assert (taken, refused) == (edits[:4], edits[4:])
     for edit in (*refused, late):
         await check_refused(edit)
-    assert len([each for each in caplog.records if "OUTBOX_FULL" in each.getMessage()]) == 1, "not one for each"
+    assert len([each for each in caplog.records if "OUTBOX_FULL" in each.getMessage()]) == 1, "logged once for all"
     with pytest.raises(EventRefused, match="OUTBOX_FULL"):
         await session.constraint_reached(late.constraint_ids[0])
     await asyncio.gather(*taken)
     said = await received(server, "edit_prompts", 4)
     assert [each.edit_prompts.upsert[0].text for each in said] == [f"prompt {number}" for number in range(4)]
     assert (await session.set_prompt("one more")).effective_frame is not None
-    await lose_the_line(client, server)
+    await lose_the_connection(client, server)
     assert not session.set_prompt("what was answered waits no more").done()
 
 
-async def test_what_a_server_does_not_read_is_as_much(client: MotionClient, server: FakeServer) -> None:
+async def test_edits_beyond_the_backlog_are_refused_while_the_server_does_not_read(
+    client: MotionClient, server: FakeServer
+) -> None:
     session = await client.open("a person walks")
     edits = [session.set_prompt(f"prompt {number}") for number in range(12)]  # nothing is written meanwhile
-    taken, refused = parted(edits)
+    taken, refused = split_by_refusal(edits)
     assert (taken, refused) == (edits[:4], edits[4:])
     with pytest.raises(EventRefused, match="opening a session was refused with OUTBOX_FULL"):
         await client.open("another")
@@ -80,7 +82,9 @@ async def test_what_a_server_does_not_read_is_as_much(client: MotionClient, serv
     assert last.opened.session_id
 
 
-async def test_what_a_server_reads_but_does_not_answer_is_as_much(client: MotionClient, server: FakeServer) -> None:
+async def test_edits_beyond_the_backlog_are_refused_while_the_server_does_not_answer(
+    client: MotionClient, server: FakeServer
+) -> None:
     session = await client.open("a person walks")
     take = server.stream.take
     server.stream.take = lambda event, refuse: None  # type: ignore[method-assign]
@@ -88,7 +92,7 @@ async def test_what_a_server_reads_but_does_not_answer_is_as_much(client: Motion
     for number in range(4):  # one by one, so that none waits to be written
         taken.append(session.set_prompt(f"prompt {number}"))
         await received(server, "edit_prompts", number + 1)
-    assert parted(taken) == (taken, [])
+    assert split_by_refusal(taken) == (taken, [])
     refused = session.set_prompt("one more")
     assert refused.done()
     with pytest.raises(EventRefused, match="bytes wait until the server answers them"):
@@ -103,13 +107,13 @@ async def test_what_a_server_reads_but_does_not_answer_is_as_much(client: Motion
     assert (await session.set_prompt("what was answered waits no more")).effective_frame is not None
 
 
-async def test_a_pause_that_is_refused_is_none_and_a_session_can_always_be_closed(client: MotionClient) -> None:
+async def test_full_backlog_refuses_pause_and_resume_without_effect_but_not_close(client: MotionClient) -> None:
     session = await client.open("a person walks")
     edits = [session.set_prompt(f"prompt {number}") for number in range(12)]
     pausing = session.pause()
     assert not session.is_paused
     await check_refused(pausing)
-    await asyncio.gather(*parted(edits)[0])
+    await asyncio.gather(*split_by_refusal(edits)[0])
     await session.pause()
     for number in range(12):
         session.set_prompt(f"prompt {number}")
@@ -119,7 +123,7 @@ async def test_a_pause_that_is_refused_is_none_and_a_session_can_always_be_close
     await check_refused(resuming)
 
 
-async def test_reports_of_playheads_do_not_pile_up(client: MotionClient, server: FakeServer) -> None:
+async def test_playhead_reports_are_not_added_to_a_waiting_queue(client: MotionClient, server: FakeServer) -> None:
     async with client.stream() as stream:
         session = await stream.open("a person walks")
         await received(server, "playhead")
@@ -131,7 +135,9 @@ async def test_reports_of_playheads_do_not_pile_up(client: MotionClient, server:
         assert stream.backlog.queued_bytes == queued_bytes
 
 
-async def test_what_a_session_keeps_ends_with_it_and_goes_with_it(client: MotionClient, server: FakeServer) -> None:
+async def test_unanswered_bytes_of_a_session_leave_when_it_closes_or_moves(
+    client: MotionClient, server: FakeServer
+) -> None:
     async with client.stream() as other, client.stream() as stream:
         ending, moving = await stream.open("one"), await stream.open("two")
         server.stream.fail(grpc.StatusCode.UNAVAILABLE)
@@ -150,7 +156,7 @@ async def test_what_a_session_keeps_ends_with_it_and_goes_with_it(client: Motion
             ending.set_prompt("after the end")
 
 
-def test_a_queue_counts_what_is_in_it() -> None:
+def test_send_queue_counts_the_bytes_of_its_events() -> None:
     counted = Backlog()
     queue = SendQueue(counted, lambda: 100)
     for number in range(1, 4):
@@ -165,8 +171,8 @@ def test_a_queue_counts_what_is_in_it() -> None:
     assert not queue
 
 
-def test_what_is_unanswered_counts_until_it_is_answered() -> None:
-    """Also where it was said again meanwhile: lines that are lost again and again must not add up."""
+def test_unanswered_event_counts_once_until_it_is_answered() -> None:
+    """Also if it was sent again meanwhile: connections that are lost again and again must not add up."""
     counted = Backlog()
     held = Unanswered(counted)
     held.add(an_event(2))

@@ -1,4 +1,4 @@
-"""The same sessions without asyncio."""
+"""The blocking client: sessions without asyncio."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ def test_frames_prompts_and_waypoints(client: MotionClient) -> None:
     assert edit is not None
     assert edit.wait().effective_frame is not None
     assert edit.latency_s is not None
-    assert len(session.motion(end_frame=100)) == 100  # a late reader is given more at once
+    assert len(session.motion(end_frame=100)) == 100  # a late reader is given several frames at once
     assert session.stats.plans >= 3
     assert session.close().reason == "client"
 
 
-def test_a_client_that_was_never_connected_says_so() -> None:
+def test_calls_of_a_client_that_was_never_connected_raise_stream_lost() -> None:
     client = MotionClient("localhost:1")
     for call in (client.open, client.stream, lambda: client.generate_clip("a person walks", num_frames=8)):
         with pytest.raises(StreamLost, match="never connected"):
@@ -45,7 +45,7 @@ def test_a_client_that_was_never_connected_says_so() -> None:
     client.close()
 
 
-def test_who_connects_twice_has_one_thread_and_may_connect_again_after_the_end(server: FakeServer) -> None:
+def test_connected_client_has_one_thread_and_can_connect_again_after_closing(server: FakeServer) -> None:
     def threads() -> int:
         return sum(thread.name == "motiongen-client" for thread in threading.enumerate())
 
@@ -56,7 +56,7 @@ def test_who_connects_twice_has_one_thread_and_may_connect_again_after_the_end(s
         assert threads() == before
 
 
-def test_everything_a_character_can_be_told_can_be_told_here() -> None:
+def test_blocking_session_has_all_methods_that_applications_use() -> None:
     def methods(kind: type) -> set[str]:
         return {name for name in dir(kind) if not name.startswith("_")}
 
@@ -65,7 +65,7 @@ def test_everything_a_character_can_be_told_can_be_told_here() -> None:
     assert methods(Asynchronous) - methods(Blocking) == only_there
 
 
-def test_a_stream_of_several(client: MotionClient) -> None:
+def test_stream_carries_several_sessions(client: MotionClient) -> None:
     with client.stream() as stream, stream.open("one") as one, stream.open("two") as two:
         assert [frame.index for frame in one.frames(seconds=0.1)] == list(range(10))
         assert [frame.index for frame in two.frames(seconds=0.1, realtime=False)] == list(range(10))
@@ -77,7 +77,7 @@ def test_a_stream_of_several(client: MotionClient) -> None:
     assert one.end is not None
 
 
-def test_looking_again_while_the_same_frame_is_shown_asks_no_other_thread(
+def test_poll_calls_the_event_loop_once_per_frame_not_per_call(
     client: MotionClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     session = client.open("a person walks")
@@ -98,13 +98,15 @@ def test_looking_again_while_the_same_frame_is_shown_asks_no_other_thread(
         shown.append(frame.index)
     assert shown == sorted(shown)
     assert len(set(shown)) >= 19
-    assert len(asked) < 80, "once for each frame and for each thing that came"
+    assert len(asked) < 80, "once for each frame and for each update that came"
     monkeypatch.undo()
     assert session.close().reason == "client"
     assert session.poll() is not None
 
 
-def test_the_pose_between_two_frames(client: MotionClient, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sample_interpolates_between_frames_at_any_time_scale(
+    client: MotionClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
     session = client.open("a person walks")
     while session.poll() is None:
         pass
@@ -123,7 +125,7 @@ def test_the_pose_between_two_frames(client: MotionClient, monkeypatch: pytest.M
         places.append(frame.root_translation_m[2])
         shares.append(round(frame.share, 3))
     assert np.diff(places) == pytest.approx(0.05 / 4, abs=1e-5)  # the root goes 0.05 m a frame
-    assert len(set(shares)) >= 4, "most of it is between frames"
+    assert len(set(shares)) >= 4, "most samples are between frames"
     session.set_time_scale(0.5)
     session.sample()
     now_s[0] += 1 / 100
@@ -140,7 +142,7 @@ def test_leaving_frames_early_leaves_the_session_usable(client: MotionClient) ->
     assert next(iter(session.frames())).index == 6
 
 
-def test_a_generator_may_outlive_its_client(server: FakeServer) -> None:
+def test_frames_generator_used_after_its_client_was_closed_raises_session_ended(server: FakeServer) -> None:
     with MotionClient(server.address) as client:
         frames = client.open("a person walks").frames()
         assert next(frames).index == 0
@@ -150,17 +152,17 @@ def test_a_generator_may_outlive_its_client(server: FakeServer) -> None:
 
 
 @pytest.mark.parametrize("how", ["closed", "collected"])
-def test_a_generator_may_be_left_after_its_client(server: FakeServer, how: str) -> None:
+def test_frames_generator_may_be_closed_or_collected_after_its_client(server: FakeServer, how: str) -> None:
     with MotionClient(server.address) as client:
         frames = client.open("a person walks").frames()
         assert next(frames).index == 0
     if how == "closed":
         frames.close()
     del frames
-    gc.collect()  # warnings are errors, those of what cannot be raised too
+    gc.collect()  # warnings are errors, also those about exceptions that cannot be raised
 
 
-def test_a_client_closed_first_has_closed_its_streams_and_sessions(server: FakeServer) -> None:
+def test_closing_the_client_closes_its_streams_and_sessions(server: FakeServer) -> None:
     with MotionClient(server.address) as client, client.stream() as stream, stream.open("one") as one:
         client.close()
         assert one.end is not None
@@ -168,14 +170,14 @@ def test_a_client_closed_first_has_closed_its_streams_and_sessions(server: FakeS
             one.poll()
 
 
-def test_errors_are_the_same(client: MotionClient, server: FakeServer) -> None:
+def test_refused_edit_raises_event_refused(client: MotionClient, server: FakeServer) -> None:
     server.refuse = lambda event: "TOO_MANY" if event.WhichOneof("event") == "edit_prompts" else ""
     session = client.open("a person walks")
     with pytest.raises(EventRefused, match="TOO_MANY"):
         session.set_prompt("one more").wait()
 
 
-def test_no_server_leaves_no_thread() -> None:
+def test_failed_connect_leaves_no_thread() -> None:
     with pytest.raises(ServerUnavailable):
         MotionClient("127.0.0.1:1", connect_timeout_s=0.2).connect()
     assert "motiongen-client" not in {thread.name for thread in threading.enumerate()}

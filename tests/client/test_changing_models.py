@@ -1,4 +1,4 @@
-"""Models that come and go while a client is connected: it asks for the catalogue again, once, and goes on."""
+"""Models that come and go while a client is connected: it requests the catalogue again, once, and continues."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ G1 = SessionOptions(model_id="g1")
 
 
 class Changing(FakeServer):
-    """Its models change when a test says so: "synthetic" is of the rig stick9, all others of one with wider rows.
+    """Its models change on demand: "synthetic" has the rig stick9, all others have one with wider rows.
 
-    asked: the etags that it was asked with.
+    asked: the etags of the requests for its catalogue.
     """
 
     def __init__(self, replica_id: str = "fake") -> None:
@@ -32,7 +32,7 @@ class Changing(FakeServer):
         self.offer("synthetic")
 
     def offer(self, *model_ids: str) -> None:
-        """From now on it has these, the default first."""
+        """Offer these models from now on, the default first."""
         offered = catalog(self.frame_rate)
         offered.catalog_etag = " ".join(model_ids)
         offered.limits.max_clip_frames = NUM_FRAMES
@@ -95,29 +95,31 @@ def names(client: MotionClient | blocking.MotionClient) -> list[str]:
     return [model.model_id for model in client.catalog.models]
 
 
-async def made(client: MotionClient, options: SessionOptions | None = None) -> tuple[str, str]:
-    """The model of a clip, and the rig that its frames were read by."""
+async def clip_model_and_rig(client: MotionClient, options: SessionOptions | None = None) -> tuple[str, str]:
+    """The model of a clip, and the rig with which its frames were read."""
     (clip,) = await client.generate_clip("walk", num_frames=NUM_FRAMES, options=options)
     return clip.model_id, clip.motion.rig.rig_id
 
 
-async def test_clips_are_had_of_a_model_that_was_loaded_since(client: MotionClient, server: Changing) -> None:
+async def test_clip_of_a_model_loaded_since_is_made_after_one_catalogue_request(
+    client: MotionClient, server: Changing
+) -> None:
     server.offer("synthetic", "g1")
-    assert await made(client, G1) == ("g1", "wide")
+    assert await clip_model_and_rig(client, G1) == ("g1", "wide")
     assert names(client) == ["synthetic", "g1"]
     assert server.asked == ["", "synthetic"]
-    assert await made(client) == ("synthetic", "stick9")
+    assert await clip_model_and_rig(client) == ("synthetic", "stick9")
     assert len(server.asked) == 2
 
 
-async def test_who_has_all_the_time_there_is_is_not_too_late_at_once(server: Changing) -> None:
-    """gRPC takes a time beyond some centuries for one that is over."""
+async def test_enormous_timeouts_do_not_expire_at_once(server: Changing) -> None:
+    """gRPC takes a deadline some centuries ahead for one that has passed."""
     async with MotionClient(server.address, connect_timeout_s=1e12) as client:
         (clip,) = await client.generate_clip("walk", num_frames=NUM_FRAMES, timeout_s=1e12)
         assert len(clip.motion) == NUM_FRAMES
 
 
-async def test_what_a_stream_hears_of_models_the_client_knows_and_its_next_stream_too(
+async def test_catalogue_read_by_a_stream_is_shared_with_the_client_and_its_streams(
     client: MotionClient, server: Changing
 ) -> None:
     server.offer("synthetic", "g1")
@@ -125,11 +127,11 @@ async def test_what_a_stream_hears_of_models_the_client_knows_and_its_next_strea
     assert names(client) == ["synthetic", "g1"]
     async with client.stream() as stream:
         await stream.open("walk", options=G1)
-    assert await made(client, G1) == ("g1", "wide")
+    assert await clip_model_and_rig(client, G1) == ("g1", "wide")
     assert server.asked == ["", "synthetic"]
 
 
-async def test_the_client_knows_what_is_heard_with_another_line(client: MotionClient, server: Changing) -> None:
+async def test_client_learns_of_new_models_when_a_stream_reconnects(client: MotionClient, server: Changing) -> None:
     session = await client.open("walk")
     server.offer("synthetic", "g1")
     server.stream.fail(grpc.StatusCode.UNAVAILABLE)
@@ -137,36 +139,36 @@ async def test_the_client_knows_what_is_heard_with_another_line(client: MotionCl
     assert names(client) == ["synthetic", "g1"]
 
 
-async def test_a_clip_of_no_model_by_name_is_of_the_default_whichever_that_is(
+async def test_clip_without_a_model_id_uses_the_default_of_the_known_catalogue(
     client: MotionClient, server: Changing
 ) -> None:
     server.offer("g1")
-    assert await made(client) == ("g1", "wide")
+    assert await clip_model_and_rig(client) == ("g1", "wide")
     assert names(client) == ["g1"]
     server.offer("synthetic", "g1")
-    assert await made(client) == ("g1", "wide"), "the default of the catalogue that the client has"
+    assert await clip_model_and_rig(client) == ("g1", "wide"), "the default of the catalogue that the client has"
 
 
-async def test_a_model_that_nobody_has_is_asked_for_once(client: MotionClient, server: Changing) -> None:
+async def test_unknown_model_is_looked_up_again_once_and_then_refused(client: MotionClient, server: Changing) -> None:
     with pytest.raises(UnknownName, match="no model is called 'g1'; known are: synthetic"):
-        await made(client, G1)
+        await clip_model_and_rig(client, G1)
     assert server.asked == ["", "synthetic"]
     server.offer("g1")
     with pytest.raises(EventRefused, match="UNKNOWN_MODEL"):
-        await made(client, SessionOptions(model_id="synthetic"))
+        await clip_model_and_rig(client, SessionOptions(model_id="synthetic"))
 
 
-async def test_a_server_without_models_is_no_mistake_of_the_client(client: MotionClient, server: Changing) -> None:
+async def test_server_without_models_can_be_used_once_it_has_some(client: MotionClient, server: Changing) -> None:
     server.offer()
     with pytest.raises(UnknownName, match=r"known are: \(none\)"):
-        await made(client)
+        await clip_model_and_rig(client)
     assert names(client) == []
     server.offer("synthetic")
     await client.open("walk")
-    assert await made(client) == ("synthetic", "stick9")
+    assert await clip_model_and_rig(client) == ("synthetic", "stick9")
 
 
-async def test_models_of_another_server_are_none_of_the_client_s_own(server: Changing) -> None:
+async def test_catalogue_of_another_server_does_not_replace_the_clients_own(server: Changing) -> None:
     with Changing("other") as other:
         other.offer("g1")
         async with MotionClient(server.address, other_addresses=[other.address]) as client:
@@ -176,7 +178,7 @@ async def test_models_of_another_server_are_none_of_the_client_s_own(server: Cha
             assert names(client) == ["synthetic"]
 
 
-def test_without_asyncio_it_is_the_same(server: Changing) -> None:
+def test_blocking_client_also_learns_of_new_models(server: Changing) -> None:
     with blocking.MotionClient(server.address) as client:
         server.offer("g1")
         (clip,) = client.generate_clip("walk", num_frames=NUM_FRAMES)

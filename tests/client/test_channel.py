@@ -1,4 +1,4 @@
-"""How a client reaches its server: addresses, tokens, metadata, and what is not sent."""
+"""The channel of a client: which addresses, tokens and metadata are accepted, and what is not sent."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ TLS = grpc.ssl_channel_credentials()
 
 
 @pytest.mark.parametrize("address", ["localhost:1", "127.0.0.1:1", "[::1]:1", "unix:motion.sock"])
-def test_a_token_may_stay_on_this_machine_without_tls(address: str) -> None:
+def test_token_without_tls_is_allowed_to_a_local_address(address: str) -> None:
     assert ChannelSettings(address, token="secret").credentials is None
 
 
 @pytest.mark.parametrize("address", ["10.0.0.7:50051", "motion.example:50051"])
-def test_a_token_crosses_no_network_without_tls(address: str) -> None:
+def test_token_without_tls_is_refused_to_a_remote_address(address: str) -> None:
     with pytest.raises(InvalidInput, match="credentials"):
         MotionClient(address, token="secret")
     with pytest.raises(InvalidInput, match="credentials"):
@@ -32,19 +32,19 @@ def test_a_token_crosses_no_network_without_tls(address: str) -> None:
 
 
 @pytest.mark.parametrize("token", ["", "two words", "line\n", "é"])
-def test_a_token_that_cannot_be_sent_is_refused_and_not_repeated(token: str) -> None:
+def test_invalid_token_is_refused_and_no_token_is_printed(token: str) -> None:
     with pytest.raises(InvalidInput, match="token") as refused:
         ChannelSettings("localhost:1", token=token)
     assert not token or token not in str(refused.value)
     assert "secret" not in repr(ChannelSettings("localhost:1", token="secret"))
 
 
-def test_a_token_is_not_given_as_metadata_which_no_rule_holds_for() -> None:
+def test_authorization_metadata_is_refused_in_favour_of_token() -> None:
     with pytest.raises(InvalidInput, match="token="):
         ChannelSettings("motion.example:1", metadata=[("authorization", "Bearer secret")])
 
 
-def test_a_token_in_plain_text_goes_by_no_proxy(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_token_in_plain_text_is_not_sent_through_a_proxy(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[dict[str, object]] = []
     monkeypatch.setattr("grpc.aio.insecure_channel", lambda address, options: seen.append(dict(options)))
     ChannelSettings("localhost:1").open()
@@ -54,13 +54,13 @@ def test_a_token_in_plain_text_goes_by_no_proxy(monkeypatch: pytest.MonkeyPatch)
         ChannelSettings("localhost:1", token="secret", options=[("grpc.enable_http_proxy", 1)])
 
 
-def test_an_address_of_which_the_port_is_a_guess_is_refused() -> None:
+def test_ipv6_address_with_an_ambiguous_port_is_refused() -> None:
     with pytest.raises(InvalidInput, match=r"\[::1\]:5005"):
         ChannelSettings("::1:5005", token="secret")
 
 
 @pytest.mark.parametrize("pair", [("Upper", "x"), ("grpc-timeout", "x"), ("a-bin", "x"), ("a", "x\n"), ("", "x")])
-def test_metadata_that_cannot_be_sent_is_refused(pair: tuple[str, str]) -> None:
+def test_invalid_metadata_is_refused(pair: tuple[str, str]) -> None:
     with pytest.raises(InvalidInput, match="metadata"):
         ChannelSettings("localhost:1", metadata=[pair])
 
@@ -85,6 +85,6 @@ async def test_token_metadata_and_options_reach_grpc(server: FakeServer, monkeyp
 
 
 @pytest.mark.parametrize("address", ["a:²", "a:" + "1" * 5000, "a\udcff:1", "unix:/a\udcff", "a\0:1"])
-def test_an_address_that_is_no_text_is_named(address: str) -> None:
+def test_malformed_address_is_refused_with_the_allowed_form(address: str) -> None:
     with pytest.raises(InvalidInput, match="allowed is host:port"):
         ChannelSettings(address)

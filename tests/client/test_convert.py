@@ -1,4 +1,4 @@
-"""Messages to types and back, and rigs and chunks that contradict themselves."""
+"""Conversion of messages to types and back, and rigs and chunks that are inconsistent."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from motiongen_client import (
 from tests.client.synthetic import ROW_WIDTH, catalog, rig, synthetic_rows
 
 
-def test_a_catalogue_keeps_everything() -> None:
+def test_catalogue_finds_models_and_rigs_by_name_and_has_limits() -> None:
     offered = convert.catalog(catalog(20))
     assert offered.model("synthetic").horizon_frames == 40
     assert offered.rig("stick9").row_width == ROW_WIDTH
@@ -33,7 +33,7 @@ def test_a_catalogue_keeps_everything() -> None:
         offered.rig("core27")
 
 
-def test_blocks_it_does_not_know_are_skipped_by_their_width() -> None:
+def test_unknown_blocks_of_a_rig_are_skipped_by_their_width() -> None:
     message = rig(20)
     message.blocks.insert(1, motion_pb2.ChannelBlock(name="something_new", width=5))
     assert convert.rig(message).block_columns["joint_rotation_quat_wxyz"].start == 8
@@ -50,7 +50,7 @@ def test_blocks_it_does_not_know_are_skipped_by_their_width() -> None:
         (lambda message: setattr(message, "frame_rate", 0), "frame rate 0"),
     ],
 )
-def test_a_rig_that_contradicts_itself_is_named(spoil: object, complaint: str) -> None:
+def test_inconsistent_rig_is_a_protocol_violation(spoil: object, complaint: str) -> None:
     message = rig(20)
     spoil(message)  # type: ignore[operator]
     with pytest.raises(ProtocolViolation, match=complaint):
@@ -73,7 +73,7 @@ def test_chunks_become_rows(stick_rig: Rig) -> None:
 
 
 @pytest.mark.parametrize("fields", [{"frame_count": 4}, {"frame_count": 0, "data": b""}, {"scalar_type": 0}])
-def test_chunks_of_another_size_or_type_are_named(stick_rig: Rig, fields: dict[str, object]) -> None:
+def test_chunk_of_a_wrong_size_or_type_is_a_protocol_violation(stick_rig: Rig, fields: dict[str, object]) -> None:
     with pytest.raises(ProtocolViolation, match="a chunk"):
         convert.FrameReader(stick_rig).rows(chunk(**fields))
 
@@ -92,7 +92,7 @@ def test_constraints_become_messages() -> None:
     assert list(hands.joint_targets.rotations) == [1, 0, 0, 0, 0, 1, 0, 0]
 
 
-def test_what_was_not_asked_for_is_left_to_the_server() -> None:
+def test_options_that_were_not_given_are_absent_from_the_message() -> None:
     message = convert.open_session(SessionOptions(), [], [])
     absent = ("seed", "start_pose", "denoise_steps", "guidance")
     assert not any(message.HasField(name) for name in absent)  # type: ignore[arg-type]
@@ -104,7 +104,7 @@ def test_what_was_not_asked_for_is_left_to_the_server() -> None:
     assert zero.guidance.HasField("text")
 
 
-def test_outcomes() -> None:
+def test_outcome_messages_become_outcomes_or_refusals() -> None:
     accepted = session_pb2.EditOutcome(event_seq=3, effective_frame=0)
     assert convert.outcome(accepted, "it") == Outcome(3, 0)
     assert convert.outcome(session_pb2.EditOutcome(event_seq=3), "it") == Outcome(3, None)
@@ -113,7 +113,7 @@ def test_outcomes() -> None:
     assert str(refused) == "it was refused with 99: why"
 
 
-def test_an_end_with_a_reason_it_does_not_know() -> None:
+def test_unknown_close_reason_is_read_as_unspecified() -> None:
     assert convert.session_end(session_pb2.SessionClosed(reason=77)).reason == "unspecified"  # type: ignore[arg-type]
     idle = session_pb2.SessionClosed(reason=session_pb2.CLOSE_REASON_IDLE, frames=9, late_frames=2)
     assert convert.session_end(idle).reason == "idle"

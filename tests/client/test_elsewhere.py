@@ -1,4 +1,4 @@
-"""Clients that a server has no room for: they go where it sends them, as far as they may."""
+"""Clients that a full server refuses: they go to the other servers that it names, if these are allowed."""
 
 from __future__ import annotations
 
@@ -14,27 +14,31 @@ from tests.client.fake_server import FakeServer, full
 from tests.client.waiting import received, until
 
 
-async def test_a_session_is_opened_on_the_server_that_is_named(server: FakeServer, other: FakeServer) -> None:
+async def test_refused_session_is_opened_on_the_allowed_server_that_was_named(
+    server: FakeServer, other: FakeServer
+) -> None:
     server.refuse = full(("elsewhere:1", ""), (other.address, ""))
     async with MotionClient(server.address, other_addresses=[other.address]) as client:
         sessions = [await client.open("walk") for _ in range(2)]
         assert [len(each.characters) for each in other.streams] == [2], "on one stream"
         server.refuse = lambda event: ""
         home = await client.open("walk")
-        assert server.stream.characters, "who has room again is asked first"
+        assert server.stream.characters, "its own server, which has room again, is asked first"
         await sessions[0].set_prompt("run")
         for session in (*sessions, home):
             await session.close()
 
 
-async def test_many_that_are_refused_at_once_share_a_stream(server: FakeServer, other: FakeServer) -> None:
+async def test_sessions_refused_at_once_share_one_stream_to_the_other_server(
+    server: FakeServer, other: FakeServer
+) -> None:
     server.refuse = full((other.address, ""))
     async with MotionClient(server.address, other_addresses=lambda address: address == other.address) as client:
         await asyncio.gather(*(client.open("walk") for _ in range(8)))
         assert [len(each.characters) for each in other.streams] == [8]
 
 
-async def test_an_address_that_nobody_has_allowed_is_not_called(server: FakeServer, other: FakeServer) -> None:
+async def test_server_at_an_address_that_is_not_allowed_is_not_contacted(server: FakeServer, other: FakeServer) -> None:
     server.refuse = full((other.address, ""))
     async with MotionClient(server.address) as client:
         with pytest.raises(EventRefused, match="OVERLOADED") as refused:
@@ -43,7 +47,7 @@ async def test_an_address_that_nobody_has_allowed_is_not_called(server: FakeServ
     assert (other.metadata, len(server.streams)) == ([], 1)
 
 
-async def test_a_key_that_leads_to_the_same_server_is_followed_once(server: FakeServer) -> None:
+async def test_routing_key_that_leads_to_the_same_server_is_followed_once(server: FakeServer) -> None:
     server.refuse = full(("", "0123456789abcdef"))
     async with MotionClient(server.address) as client:
         with pytest.raises(EventRefused):
@@ -53,7 +57,7 @@ async def test_a_key_that_leads_to_the_same_server_is_followed_once(server: Fake
     assert [len(each.received) for each in server.streams] == [1, 0], "it is not asked to open again"
 
 
-async def test_a_key_of_the_application_is_kept_where_its_server_is_full(server: FakeServer) -> None:
+async def test_routing_key_of_the_application_is_kept_when_its_server_is_full(server: FakeServer) -> None:
     server.refuse = full(("", "0123456789abcdef"))
     async with MotionClient(server.address, metadata=[("x-motiongen-key", "player-7")]) as client:
         with pytest.raises(EventRefused):
@@ -70,14 +74,16 @@ async def test_servers_that_name_each_other_are_each_asked_once(server: FakeServ
     assert [len(each.received) for each in (*server.streams, *other.streams)] == [1, 0, 1]
 
 
-async def test_one_that_cannot_be_reached_is_passed_over(server: FakeServer, other: FakeServer) -> None:
+async def test_unreachable_servers_are_skipped_for_the_next_one_named(server: FakeServer, other: FakeServer) -> None:
     server.refuse = full(("127.0.0.1:1", ""), ("no address", ""), (other.address, ""))
     async with MotionClient(server.address, other_addresses=lambda _: True) as client:
         await client.open("walk")
         assert other.stream.characters
 
 
-async def test_a_session_that_is_not_taken_back_goes_on_elsewhere(server: FakeServer, other: FakeServer) -> None:
+async def test_session_refused_on_reconnection_continues_on_another_server(
+    server: FakeServer, other: FakeServer
+) -> None:
     async with MotionClient(server.address, other_addresses=[other.address]) as client:
         session, stays = await client.open("walk"), await client.open("stand")
         await session.set_prompt("run")
@@ -102,7 +108,7 @@ async def test_a_session_that_is_not_taken_back_goes_on_elsewhere(server: FakeSe
         await stays.close()
 
 
-async def test_one_that_nobody_takes_waits_for_its_own_server(server: FakeServer) -> None:
+async def test_session_that_no_other_server_takes_waits_for_its_own(server: FakeServer) -> None:
     async with MotionClient(server.address, other_addresses=["127.0.0.1:1"]) as client:
         session = await client.open("walk")
         server.refuse = full(("127.0.0.1:1", ""))
@@ -110,13 +116,13 @@ async def test_one_that_nobody_takes_waits_for_its_own_server(server: FakeServer
         await until(lambda: len(server.streams) == 2 and server.stream.received)
         await until(lambda: not client._elsewhere._moving and session.is_waiting)
         server.refuse = lambda event: ""
-        server.stream.fail(grpc.StatusCode.UNAVAILABLE)  # which has it asked before the time that the server named
+        server.stream.fail(grpc.StatusCode.UNAVAILABLE)  # so that it asks again before the time that the server named
         await until(lambda: session.stats.reopenings == 1)
         await session.close()
 
 
-async def goes_away(client: MotionClient, server: FakeServer, *others: tuple[str, str]) -> None:
-    """The server names others, by addresses and keys, and ends the stream; it wishes nobody back for an hour."""
+async def say_goodbye(client: MotionClient, server: FakeServer, *others: tuple[str, str]) -> None:
+    """Have the server name others, by address and key, ask for no reconnection within an hour, and end the stream."""
     goodbye = service_pb2.Goodbye(reason=service_pb2.GOODBYE_REASON_DRAINING)
     goodbye.reconnect_after.FromSeconds(3600)
     for address, key in others:
@@ -126,41 +132,39 @@ async def goes_away(client: MotionClient, server: FakeServer, *others: tuple[str
     server.stream.end()
 
 
-async def test_a_server_that_goes_away_names_one_that_goes_on_with_its_sessions(
-    server: FakeServer, other: FakeServer
-) -> None:
+async def test_sessions_continue_on_the_server_named_in_a_goodbye(server: FakeServer, other: FakeServer) -> None:
     async with MotionClient(server.address, other_addresses=[other.address]) as client:
         session, another = await client.open("walk"), await client.open("stand")
-        await goes_away(client, server, ("elsewhere:1", ""), (other.address, ""))
+        await say_goodbye(client, server, ("elsewhere:1", ""), (other.address, ""))
         await until(lambda: session.stats.reopenings == another.stats.reopenings == 1)
         assert (len(other.streams), len(other.stream.characters), len(server.streams)) == (1, 2, 1)
         other.stream.fail(grpc.StatusCode.UNAVAILABLE)
         await until(lambda: session.stats.reopenings == 2)
-        assert len(other.streams) == 2, "it stays where it was led to"
+        assert len(other.streams) == 2, "it stays with the server that was named"
 
 
-async def test_where_nobody_answers_that_was_named_it_goes_to_the_next_and_then_back(
+async def test_unreachable_servers_of_a_goodbye_are_skipped_and_the_own_one_is_last(
     server: FakeServer, other: FakeServer
 ) -> None:
     async with MotionClient(server.address, other_addresses=lambda _: True) as client:
         session = await client.open("walk")
-        await goes_away(client, server, ("127.0.0.1:1", ""), ("no address", ""), (other.address, ""))
+        await say_goodbye(client, server, ("127.0.0.1:1", ""), ("no address", ""), (other.address, ""))
         await until(lambda: session.stats.reopenings == 1)
         assert (len(other.streams), len(server.streams)) == (1, 1)
-        await goes_away(client, other, ("127.0.0.1:1", ""))
+        await say_goodbye(client, other, ("127.0.0.1:1", ""))
         await until(lambda: session.stats.reopenings == 2)
         assert (len(other.streams), len(server.streams)) == (1, 2)
 
 
-async def test_a_server_that_goes_away_names_the_key_of_another(server: FakeServer) -> None:
+async def test_session_continues_with_the_routing_key_named_in_a_goodbye(server: FakeServer) -> None:
     async with MotionClient(server.address) as client:
         session = await client.open("walk")
-        await goes_away(client, server, ("elsewhere:1", "0123456789abcdef"))
+        await say_goodbye(client, server, ("elsewhere:1", "0123456789abcdef"))
         await until(lambda: session.stats.reopenings == 1)
         assert server.metadata[-1]["x-motiongen-key"] == "0123456789abcdef" != server.metadata[0]["x-motiongen-key"]
 
 
-def test_a_route_keeps_the_key_of_an_application_and_addresses_that_nobody_has_allowed_out() -> None:
+def test_route_follows_allowed_addresses_only_and_keeps_the_applications_key() -> None:
     own = ChannelSettings("localhost:1", metadata=(("x-motiongen-key", "player-7"),))
     route = Route(own, lambda address: address == "localhost:2")
     assert not route.follow([OtherServer("localhost:3", "0123456789abcdef")])
@@ -171,7 +175,7 @@ def test_a_route_keeps_the_key_of_an_application_and_addresses_that_nobody_has_a
     assert route._settings == own
 
 
-def test_a_route_passes_over_a_name_that_is_neither_an_address_nor_a_key() -> None:
+def test_route_skips_names_that_are_neither_an_address_nor_a_valid_key() -> None:
     route = Route(ChannelSettings("localhost:1", metadata=(("x-motiongen-key", "0" * 16),)), lambda _: True)
     assert not route.follow([OtherServer("", "k\u00e9y"), OtherServer("", "line\nbreak")])
     assert route.follow([OtherServer("", "k\u00e9y"), OtherServer("", "0123456789abcdef")])
@@ -183,7 +187,7 @@ async def received_at(server: FakeServer, kind: str) -> list[session_pb2.Session
     return await received(server, kind)
 
 
-def test_a_route_changes_the_key_that_was_drawn_and_no_other() -> None:
+def test_route_changes_a_random_routing_key_but_not_the_applications() -> None:
     for key, changes in (("0123456789abcdef", True), ("player-7", False)):
         route = Route(ChannelSettings("localhost:1", metadata=(("x-motiongen-key", key), ("other", "1"))))
         route.change()

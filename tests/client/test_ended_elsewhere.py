@@ -1,4 +1,4 @@
-"""A session whose server lets go of it: what had no answer is said again where it goes on."""
+"""A session whose server gives it up: unanswered events are sent again to the server that resumes it."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ async def session(line: Line) -> Session:
 
 
 @pytest.mark.parametrize("crosses", [False, True])
-async def test_an_edit_without_an_answer_is_said_again_to_whoever_goes_on(
+async def test_unanswered_edit_is_sent_again_when_the_session_is_resumed(
     session: Session, line: Line, crosses: bool
 ) -> None:
     edit = session.set_prompt("run")
@@ -55,7 +55,7 @@ async def test_an_edit_without_an_answer_is_said_again_to_whoever_goes_on(
     assert (await edit).effective_frame == 4
 
 
-async def test_where_an_edit_is_too_big_the_session_ends_there_too_at_the_next_number(
+async def test_session_with_an_edit_too_big_to_repeat_is_closed_at_the_next_number(
     session: Session, line: Line, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     too_big = InvalidInput("edit", "3000 bytes", "at most 2048")
@@ -76,25 +76,23 @@ async def test_where_an_edit_is_too_big_the_session_ends_there_too_at_the_next_n
             await edit
 
 
-async def test_a_session_that_is_gone_on_with_has_the_steps_that_are_said_of_it_then(
-    session: Session, line: Line
-) -> None:
+async def test_resumed_session_has_the_denoising_steps_of_its_new_opening(session: Session, line: Line) -> None:
     session.interrupt()
     session.reattach(convert.catalog(catalog(100)))
     resumed = opened()
-    resumed.opened.denoise_steps = 6  # what SetOptions asked for since
+    resumed.opened.denoise_steps = 6  # what SetOptions asked for meanwhile
     session.hear(resumed)
     assert (session.service_level.tier, session.service_level.denoise_steps) == ("full", 6)
 
 
-async def test_a_cut_that_was_made_while_the_line_was_lost_is_known_by_its_answer(session: Session) -> None:
+async def test_cut_made_while_disconnected_is_known_from_its_outcome(session: Session) -> None:
     session.teleport(5.0, 0.0)
     session.interrupt()
     session.reattach(convert.catalog(catalog(100)))
     session.hear(opened())
     plan = session_pb2.PlanNotice(plan=3, valid_from=0, cause=session_pb2.PLAN_CAUSE_RESUME, event_seqs=[2])
     session.hear(session_pb2.SessionUpdate(session=1, plan=plan))
-    for _ in range(2):  # told again to whoever resumes again
+    for _ in range(2):  # a server repeats it when the session is resumed again
         outcome = session_pb2.EditOutcome(event_seq=2, effective_frame=20)
         session.hear(session_pb2.SessionUpdate(session=1, outcome=outcome))
     assert [frame for frame in range(40) if session.playback.is_cut(frame)] == [20]

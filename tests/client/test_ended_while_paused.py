@@ -1,4 +1,4 @@
-"""A session that ends while its playhead stands: who looks at it hears so, and nobody waits for frames for ever."""
+"""A session that ends while it is paused: the next look at it raises, and no caller waits for frames for ever."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ ENDS = pytest.mark.parametrize(
 End = Callable[[FakeServer], None]
 
 
-async def rest(frames: AsyncIterator[Frame]) -> list[int]:
-    """Those that come before it is over otherwise than by its user."""
+async def taken_until_error(frames: AsyncIterator[Frame]) -> list[int]:
+    """The indices of the frames that come before the session ends with an error."""
     taken = []
     try:
         async for frame in frames:
@@ -44,8 +44,8 @@ async def rest(frames: AsyncIterator[Frame]) -> list[int]:
     raise AssertionError("nothing was raised")
 
 
-def looks(session: BlockingSession, now_s: list[float]) -> set[int]:
-    """The frames that are found, asked for twice a frame, before that is raised."""
+def polled_until_error(session: BlockingSession, now_s: list[float]) -> set[int]:
+    """The indices of the frames that poll returns, called twice per frame, before it raises SessionEnded."""
     shown = set()
     for _ in range(1000):
         try:
@@ -60,7 +60,7 @@ def looks(session: BlockingSession, now_s: list[float]) -> set[int]:
 
 @pytest.fixture
 async def session(clock: ManualClock, client: MotionClient) -> Session:
-    """One that shows its first frame, and has others."""
+    """A session that shows its first frame, and has others."""
     session = await client.open("a person walks")
     await until(session.poll)
     await until(lambda: session.playback.buffered_to > 5)
@@ -68,7 +68,7 @@ async def session(clock: ManualClock, client: MotionClient) -> Session:
 
 
 @ENDS
-async def test_the_next_look_says_so(
+async def test_next_look_at_a_paused_session_that_ended_raises(
     session: Session, server: FakeServer, end: End, error: type[MotiongenError]
 ) -> None:
     await session.pause()
@@ -77,11 +77,11 @@ async def test_the_next_look_says_so(
     for look in (session.poll, session.sample, session.glance):
         with pytest.raises(error):
             look()
-    assert len(session.motion()) == 1, "what was shown stays"
+    assert len(session.motion()) == 1, "the frame shown is kept"
 
 
 @ENDS
-async def test_who_waits_for_frames_is_told(
+async def test_waiting_for_frames_of_a_paused_session_raises_when_it_ends(
     client: MotionClient, server: FakeServer, end: End, error: type[MotiongenError]
 ) -> None:
     session = await client.open("a person walks")
@@ -97,7 +97,7 @@ async def test_who_waits_for_frames_is_told(
             await anext(session.frames())
 
 
-async def test_frames_that_were_reached_before_the_pause_are_given_first(
+async def test_frames_reached_before_the_pause_are_yielded_before_the_error(
     session: Session, clock: ManualClock, server: FakeServer
 ) -> None:
     frames = session.frames()
@@ -106,10 +106,10 @@ async def test_frames_that_were_reached_before_the_pause_are_given_first(
     await session.pause()
     close_idle(server)
     await until(lambda: session.is_over)
-    assert await rest(frames) == [2, 3]
+    assert await taken_until_error(frames) == [2, 3]
 
 
-async def test_who_left_some_of_them_is_given_those_by_the_next(
+async def test_frames_left_by_one_generator_are_yielded_by_the_next_before_the_error(
     session: Session, clock: ManualClock, server: FakeServer
 ) -> None:
     frames = session.frames()
@@ -119,17 +119,19 @@ async def test_who_left_some_of_them_is_given_those_by_the_next(
     await session.pause()
     close_idle(server)
     await until(lambda: session.is_over)
-    assert await rest(session.frames()) == [2, 3]
+    assert await taken_until_error(session.frames()) == [2, 3]
 
 
-async def test_frames_that_need_no_clock_are_given_to_the_last(session: Session, server: FakeServer) -> None:
+async def test_ended_session_yields_all_received_frames_when_not_in_real_time(
+    session: Session, server: FakeServer
+) -> None:
     await session.pause()
     close_idle(server)
     await until(lambda: session.is_over)
-    assert await rest(session.frames(realtime=False)) == list(range(1, session.playback.buffered_to))
+    assert await taken_until_error(session.frames(realtime=False)) == list(range(1, session.playback.buffered_to))
 
 
-async def test_one_that_is_over_is_neither_paused_nor_let_go_on(
+async def test_ended_session_cannot_be_paused_resumed_or_sought(
     session: Session, clock: ManualClock, server: FakeServer
 ) -> None:
     close_idle(server)
@@ -139,7 +141,7 @@ async def test_one_that_is_over_is_neither_paused_nor_let_go_on(
     clock.advance(0.01)
     frame = session.poll()
     assert frame is not None
-    assert frame.index == 1, "what is left is played"
+    assert frame.index == 1, "the frames left are played"
     with pytest.raises(SessionEnded):
         session.resume()
     with pytest.raises(SessionEnded):
@@ -147,7 +149,9 @@ async def test_one_that_is_over_is_neither_paused_nor_let_go_on(
     assert not session.is_paused
 
 
-async def test_one_that_never_showed_a_frame_says_so_too(client: MotionClient, server: FakeServer) -> None:
+async def test_poll_raises_in_a_session_that_ended_before_its_first_frame(
+    client: MotionClient, server: FakeServer
+) -> None:
     session = await client.open("a person walks")
     await session.pause()
     assert session.poll() is None
@@ -157,7 +161,7 @@ async def test_one_that_never_showed_a_frame_says_so_too(client: MotionClient, s
         session.poll()
 
 
-async def test_one_that_its_user_closed_keeps_its_frame(session: Session) -> None:
+async def test_session_closed_by_the_application_keeps_its_frame_without_an_error(session: Session) -> None:
     await session.pause()
     await session.close()
     frame = session.poll()
@@ -167,7 +171,7 @@ async def test_one_that_its_user_closed_keeps_its_frame(session: Session) -> Non
 
 
 @pytest.mark.parametrize("pauses", [True, False], ids=["paused", "playing"])
-def test_without_asyncio_the_next_look_says_so_as_well(
+def test_blocking_poll_raises_in_a_session_that_ended_after_its_frames(
     server: FakeServer, pauses: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with BlockingClient(server.address, policy=LinePolicy(recover_s=0)) as client:
@@ -181,10 +185,10 @@ def test_without_asyncio_the_next_look_says_so_as_well(
             pass
         if pauses:
             session.pause().wait()
-            session.poll()  # which is known to hold until something comes
+            session.poll()  # this frame is held until an update comes
         close_idle(server)
         while session.end is None:
             pass
-        assert looks(session, now_s) == (set() if pauses else set(range(inner.playback.buffered_to)))
+        assert polled_until_error(session, now_s) == (set() if pauses else set(range(inner.playback.buffered_to)))
         with pytest.raises(SessionEnded):
             next(iter(session.frames()))

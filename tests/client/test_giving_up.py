@@ -1,4 +1,4 @@
-"""Who gives up waiting, closes a client that is busy, or fails at what it is asked: the others notice nothing."""
+"""Callers that are cancelled, close a busy client or fail in a callback: others continue, and nothing is left over."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from tests.client.waiting import received, until
 from tests.waiting import LIMIT_S
 
 
-async def test_an_opening_that_is_given_up_leaves_no_session(client: MotionClient, server: FakeServer) -> None:
+async def test_cancelled_open_leaves_no_session_at_client_or_server(client: MotionClient, server: FakeServer) -> None:
     async with client.stream() as stream:
         opening = asyncio.create_task(stream.open("a person walks"))
         await until(lambda: stream.sessions)
@@ -36,9 +36,7 @@ async def test_an_opening_that_is_given_up_leaves_no_session(client: MotionClien
         assert (await stream.open("another")).opened.session_id
 
 
-async def test_an_opening_that_is_given_up_while_the_line_is_lost_is_never_made(
-    client: MotionClient, server: FakeServer
-) -> None:
+async def test_open_cancelled_while_disconnected_leaves_no_session(client: MotionClient, server: FakeServer) -> None:
     async with client.stream() as stream:
         server.refuse = lambda event: server.stream.fail(grpc.StatusCode.UNAVAILABLE) or ""  # type: ignore[func-returns-value]
         opening = asyncio.create_task(stream.open("a person walks"))
@@ -49,13 +47,15 @@ async def test_an_opening_that_is_given_up_while_the_line_is_lost_is_never_made(
         assert stream.sessions == ()
 
 
-async def test_those_who_open_at_once_share_a_stream(client: MotionClient, server: FakeServer) -> None:
+async def test_concurrent_opens_share_one_stream(client: MotionClient, server: FakeServer) -> None:
     sessions = await asyncio.gather(*(client.open(f"character {number}") for number in range(10)))
     assert len(server.streams) == 1
     assert sorted(session.handle for session in sessions) == list(range(1, 11))
 
 
-async def test_one_who_gives_up_leaves_the_stream_to_the_others(client: MotionClient, server: FakeServer) -> None:
+async def test_cancelling_one_of_two_opens_leaves_the_stream_to_the_other(
+    client: MotionClient, server: FakeServer
+) -> None:
     first, second = (asyncio.create_task(client.open("walk")) for _ in range(2))
     await asyncio.sleep(0)
     first.cancel()
@@ -64,7 +64,7 @@ async def test_one_who_gives_up_leaves_the_stream_to_the_others(client: MotionCl
     assert len(server.streams) == 1
 
 
-async def test_a_client_keeps_no_streams_that_are_over(client: MotionClient) -> None:
+async def test_client_forgets_streams_that_are_over(client: MotionClient) -> None:
     for _ in range(3):
         async with client.stream():
             pass
@@ -73,7 +73,7 @@ async def test_a_client_keeps_no_streams_that_are_over(client: MotionClient) -> 
 
 
 @pytest.mark.parametrize("policy", [LinePolicy(recover_s=0), LinePolicy(ping_s=0.01, pong_timeout_s=0.01, recover_s=0)])
-async def test_nothing_is_left_of_streams_that_ended_for_good(
+async def test_streams_that_ended_for_good_leave_no_tasks_or_open_channels(
     server: FakeServer, monkeypatch: pytest.MonkeyPatch, policy: LinePolicy
 ) -> None:
     channels: list[grpc.aio.Channel] = []
@@ -88,7 +88,7 @@ async def test_nothing_is_left_of_streams_that_ended_for_good(
         for _ in range(5):
             await client.open("walk")
             if policy.ping_s < 1:
-                server.stream.answers_pings = False  # it is the stream's own watch that ends it
+                server.stream.answers_pings = False  # it is ended by its own check for pongs
             else:
                 server.stream.fail(grpc.StatusCode.UNAVAILABLE)
             await until(lambda: client._own_stream is not None and client._own_stream.is_over)
@@ -98,7 +98,7 @@ async def test_nothing_is_left_of_streams_that_ended_for_good(
     assert {each.get_state() for each in channels} == {grpc.ChannelConnectivity.SHUTDOWN}
 
 
-async def test_a_client_that_is_closed_says_so_to_who_opens(server: FakeServer) -> None:
+async def test_opening_on_a_client_that_is_closed_raises_stream_lost(server: FakeServer) -> None:
     for turns in (1, 3, 9):
         client = await MotionClient(server.address).connect()
         opening = asyncio.create_task(client.open("walk"))
@@ -115,7 +115,7 @@ async def test_a_client_that_is_closed_says_so_to_who_opens(server: FakeServer) 
     assert len(server.streams) == before
 
 
-async def test_a_stream_that_nobody_waits_for_any_more_fails_without_a_word(server: FakeServer) -> None:
+async def test_failure_of_a_stream_that_no_caller_awaits_is_not_reported_as_unhandled(server: FakeServer) -> None:
     said: list[dict[str, Any]] = []
     asyncio.get_running_loop().set_exception_handler(lambda loop, context: said.append(context))
     client = await MotionClient(server.address).connect()
@@ -131,7 +131,7 @@ async def test_a_stream_that_nobody_waits_for_any_more_fails_without_a_word(serv
     assert said == []
 
 
-async def test_who_gives_up_while_hellos_are_exchanged_leaves_no_task(server: FakeServer) -> None:
+async def test_cancelling_the_hello_exchange_leaves_no_task(server: FakeServer) -> None:
     channel = grpc.aio.insecure_channel(server.address)
     call = Call(channel, lambda response: None, lambda call, failure: None, SendQueue(Backlog(), lambda: 1 << 20))
     greeting = asyncio.create_task(call.greet("", server.address, LIMIT_S))
@@ -144,7 +144,7 @@ async def test_who_gives_up_while_hellos_are_exchanged_leaves_no_task(server: Fa
     assert not [task for task in asyncio.all_tasks() if task.get_name().startswith("motiongen-")]
 
 
-async def test_who_connects_twice_is_connected_once(server: FakeServer) -> None:
+async def test_second_connect_keeps_the_first_channel(server: FakeServer) -> None:
     async with await MotionClient(server.address).connect() as client:
         channel = client._channel
         assert await client.connect() is client
@@ -154,7 +154,7 @@ async def test_who_connects_twice_is_connected_once(server: FakeServer) -> None:
 
 @pytest.fixture
 def busy() -> Iterator[FakeServer]:
-    """A server whose clips take long."""
+    """A server whose clips never end."""
 
     class Busy(FakeServer):
         def GetCatalog(
@@ -179,7 +179,7 @@ def busy() -> Iterator[FakeServer]:
         yield running
 
 
-async def test_a_clip_ends_with_its_client_and_nobody_is_cancelled(busy: FakeServer) -> None:
+async def test_closing_the_client_ends_a_clip_with_stream_lost_not_cancellation(busy: FakeServer) -> None:
     client = await MotionClient(busy.address).connect()
     clip = asyncio.create_task(client.generate_clip("walk", num_frames=8))
     await until(lambda: busy.clips)  # type: ignore[attr-defined]
@@ -188,7 +188,7 @@ async def test_a_clip_ends_with_its_client_and_nobody_is_cancelled(busy: FakeSer
         await clip
 
 
-async def test_a_callback_that_fails_silences_no_session(
+async def test_callback_that_raises_is_logged_and_the_session_continues(
     client: MotionClient, server: FakeServer, caplog: pytest.LogCaptureFixture
 ) -> None:
     session = await client.open("walk")
@@ -209,14 +209,14 @@ async def test_a_callback_that_fails_silences_no_session(
     assert len(server.streams) == 1
 
 
-async def test_a_token_that_cannot_be_had_is_asked_for_again(
+async def test_failing_token_function_is_called_again_on_reconnection(
     server: FakeServer, caplog: pytest.LogCaptureFixture
 ) -> None:
     asked = []
 
     def token() -> str:
         asked.append(len(asked))
-        if len(asked) in (3, 4):  # once connected, with the line lost
+        if len(asked) in (3, 4):  # after the connection was lost
             raise ConnectionError("the issuer does not answer")
         return "secret"
 

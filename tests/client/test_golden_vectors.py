@@ -1,4 +1,4 @@
-"""What the Python client makes of the golden vectors; client/cpp/tests/core holds the C++ client to the same files."""
+"""The Python client reproduces the golden vectors; client/cpp/tests/core checks the C++ client with the same files."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def answers(lines: list[str]) -> list[str]:
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_the_client_makes_what_the_file_says(name: str) -> None:
+def test_client_reproduces_the_golden_vectors(name: str) -> None:
     kept = (FOLDER / f"{name}.txt").read_text(encoding="utf-8").splitlines()
     made = list(FILES[name]())
     assert [line.partition(" ->")[0] for line in kept] == [line.partition(" ->")[0] for line in made]
@@ -25,8 +25,8 @@ def test_the_client_makes_what_the_file_says(name: str) -> None:
         assert values(answer) == pytest.approx(values(kept_answer), rel=2e-6, abs=2e-5)
 
 
-def test_the_scripts_reach_what_they_are_for() -> None:
-    """Replans under the playhead, cuts, waits and jumps that fade: else the vectors say little."""
+def test_sampling_scripts_contain_fades_underruns_late_plans_and_cuts() -> None:
+    """Late replans, cuts, underruns and jumps that fade: without them the vectors would prove little."""
     lines = (FOLDER / "sampling.txt").read_text(encoding="utf-8").splitlines()
     player = Player()
     fading = underruns = late = passed_cuts = 0

@@ -1,4 +1,4 @@
-"""Ground: feet that stand are on it within 5 mm, on slopes and steps, and no joint jumps on the way."""
+"""Ground: standing feet are on it within 5 mm, on slopes and stairs, and no joint jumps."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def level(x: np.ndarray, z: np.ndarray) -> np.ndarray:
 
 
 def slope(degrees: float, toward_x: float = 0.0) -> Heights:
-    """Up the way that is walked, and to the left."""
+    """A slope that rises in the direction of the walk, and by toward_x to the left."""
     rise = np.tan(np.radians(degrees))
     return lambda x, z: rise * z + toward_x * x
 
@@ -51,7 +51,7 @@ GROUNDS = {
 
 
 def off_ground(motion: Motion, heights: Heights) -> np.ndarray:
-    """Of each foot that stands, how far ankle and toes are off their height above the ground, metres."""
+    """How far ankle and toes of each standing foot are off their height above the ground, in metres."""
     joints, contact = motion.joint_positions_m().astype(np.float64), motion.foot_contact
     errors = []
     for name, column in FEET.items():
@@ -69,23 +69,23 @@ def turned_rad(motion: Motion) -> np.ndarray:
     return 2 * np.arccos(np.minimum(np.abs((turns[1:] * turns[:-1]).sum(axis=-1)), 1.0))
 
 
-def test_the_walk_that_is_put_on_the_ground_stands_on_a_level_one() -> None:
+def test_synthetic_walk_stands_on_level_ground() -> None:
     assert np.abs(off_ground(WALK, level)).max() < 1e-3
 
 
-def test_on_level_ground_nothing_changes() -> None:
+def test_level_ground_does_not_change_joint_positions() -> None:
     found = Ground(RIG, level).apply(WALK)
     np.testing.assert_allclose(found.joint_positions_m(), WALK.joint_positions_m(), atol=2e-4)
 
 
 @pytest.mark.parametrize("name", GROUNDS)
-def test_a_foot_that_stands_is_on_the_ground_within_5_mm(name: str) -> None:
+def test_standing_feet_are_on_the_ground_within_5_mm(name: str) -> None:
     found = Ground(RIG, GROUNDS[name]).apply(WALK)
     assert np.abs(off_ground(found, GROUNDS[name])).max() < 0.005
 
 
 @pytest.mark.parametrize("name", GROUNDS)
-def test_no_joint_jumps(name: str) -> None:
+def test_ground_makes_no_joint_jump(name: str) -> None:
     found = Ground(RIG, GROUNDS[name]).apply(WALK)
     assert (turned_rad(found) - turned_rad(WALK)).max() < 0.35
     moved, flat = (np.diff(each.joint_positions_m(), axis=0) for each in (found, WALK))
@@ -95,16 +95,16 @@ def test_no_joint_jumps(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", GROUNDS)
-def test_a_foot_in_the_air_does_not_go_through_the_ground(name: str) -> None:
+def test_foot_in_the_air_does_not_go_through_the_ground(name: str) -> None:
     found = Ground(RIG, GROUNDS[name]).apply(WALK)
     joints = found.joint_positions_m().astype(np.float64)
     for limb, column in FEET.items():
-        known_to = np.flatnonzero(found.foot_contact[:, column])[-1]  # where the last step ends is not known
+        known_to = np.flatnonzero(found.foot_contact[:, column])[-1]  # it is not known where the last step ends
         toes = joints[:known_to][found.foot_contact[:known_to, column] < 0.5, RIG.limbs[limb][1]]
         assert (toes[:, 1] - GROUNDS[name](toes[:, 0], toes[:, 2])).min() > -0.005
 
 
-def test_feet_that_stand_do_not_slide() -> None:
+def test_standing_feet_do_not_slide_on_a_slope() -> None:
     found = Ground(RIG, GROUNDS["up"]).apply(WALK)
     for limb, column in FEET.items():
         standing = found.foot_contact[:, column] > 0.5
@@ -113,7 +113,7 @@ def test_feet_that_stand_do_not_slide() -> None:
         assert np.linalg.norm(np.diff(ankle, axis=0)[still], axis=1).max() < 0.002
 
 
-def test_only_hips_and_legs_change_and_bones_keep_their_lengths() -> None:
+def test_only_leg_rotations_and_the_height_of_the_root_change() -> None:
     found = Ground(RIG, GROUNDS["stairs up"]).apply(WALK)
     changed = {RIG.joint_names[joint] for joint in np.flatnonzero(
         np.abs(found.joint_rotation_quat_wxyz - WALK.joint_rotation_quat_wxyz).max(axis=(0, 2)) > 1e-6
@@ -123,7 +123,7 @@ def test_only_hips_and_legs_change_and_bones_keep_their_lengths() -> None:
 
 
 @pytest.mark.parametrize("name", ["up", "stairs up", "hills"])
-def test_frames_that_are_played_are_as_those_of_the_whole_motion(name: str) -> None:
+def test_played_frames_follow_the_ground_as_the_whole_motion_does(name: str) -> None:
     ground, playback = Ground(RIG, GROUNDS[name]), Playback(FPS, RIG.row_width)
     playback.announce_plan(1, 0)
     playback.add_chunk(1, 0, WALK.rows, 80)
@@ -137,13 +137,13 @@ def test_frames_that_are_played_are_as_those_of_the_whole_motion(name: str) -> N
     assert (turned_rad(played) - turned_rad(WALK)[:59]).max() < 0.35
 
 
-def test_a_replan_does_not_make_what_is_shown_jump() -> None:
+def test_replan_makes_no_joint_jump() -> None:
     ground, playback = Ground(RIG, GROUNDS["stairs up"]), Playback(FPS, RIG.row_width)
     playback.announce_plan(1, 0)
     playback.add_chunk(1, 0, WALK.rows[:40], 20)
     follower = GroundFollower(ground, playback)
     shown = [follower.frame(Frame(RIG, index, playback.row(index))).row for index in range(24)]
-    slower = WALK.rows[24:64].copy()  # the same poses, but the way ahead is another: it bends to the left
+    slower = WALK.rows[24:64].copy()  # the same poses on another path: it bends to the left
     slower[:, 0] += 0.03 * np.arange(40)
     playback.announce_plan(2, 24)
     playback.add_chunk(2, 24, slower, 60)
@@ -153,7 +153,7 @@ def test_a_replan_does_not_make_what_is_shown_jump() -> None:
 
 
 @pytest.mark.parametrize("name", ["up", "stairs up"])
-def test_moments_between_frames_are_on_the_ground_too_and_nothing_jumps(name: str) -> None:
+def test_poses_between_frames_stand_on_the_ground_and_do_not_jump(name: str) -> None:
     ground, playback = Ground(RIG, GROUNDS[name]), Playback(FPS, RIG.row_width)
     playback.announce_plan(1, 0)
     playback.add_chunk(1, 0, WALK.rows, 80)
@@ -163,7 +163,7 @@ def test_moments_between_frames_are_on_the_ground_too_and_nothing_jumps(name: st
         playback.advance(tick / hertz)
         share, row = sampler.row(tick / hertz)
         shown.append(follower.frame(Frame(RIG, playback.playhead, row, share=share)).row.copy())
-        # stands all the while
+        # in contact only if both neighbouring frames are
         shown[-1][-4:] = WALK.foot_contact[playback.playhead : playback.playhead + 2].min(axis=0)
     played = Motion(RIG, 0, np.stack(shown))
     assert np.abs(off_ground(played, GROUNDS[name])).max() < 0.006
@@ -172,7 +172,7 @@ def test_moments_between_frames_are_on_the_ground_too_and_nothing_jumps(name: st
     assert np.abs(moved).max() < np.abs(frames).max() * FPS / hertz * 1.5
 
 
-def test_nothing_is_seen_of_the_ground_on_the_other_side_of_a_cut() -> None:
+def test_ground_beyond_a_cut_does_not_affect_frames_before_it() -> None:
     high: Heights = lambda x, z: np.where(x > 5, 10.0, 0.0)  # noqa: E731
     ground, playback = Ground(RIG, high), Playback(FPS, RIG.row_width)
     playback.announce_plan(1, 0)
@@ -189,7 +189,7 @@ def test_nothing_is_seen_of_the_ground_on_the_other_side_of_a_cut() -> None:
     assert np.abs(up[30:] - 10).max() < 0.002
 
 
-def test_a_leg_that_is_too_short_points_to_its_goal_and_one_that_is_straight_bends_ahead() -> None:
+def test_leg_too_short_points_at_its_goal_and_straight_leg_bends_forward() -> None:
     hip, knee, ankle = (np.array([[0.0, y, 0.0]]) for y in (1.0, 0.5, 0.0))
     ahead = np.array([[0.0, 0.0, 1.0]])
     first, second = two_bone(hip, knee, ankle, np.array([[0.0, -5.0, 0.0]]), ahead)
@@ -201,7 +201,7 @@ def test_a_leg_that_is_too_short_points_to_its_goal_and_one_that_is_straight_ben
     np.testing.assert_allclose(bent + second[0] @ (ankle - knee)[0], [[0.0, 0.2, 0.0]], atol=1e-9)
 
 
-def test_what_the_callback_gives_is_checked_and_the_rig_too() -> None:
+def test_invalid_heights_and_rigs_without_legs_or_toes_are_refused() -> None:
     with pytest.raises(InvalidInput, match="one for each x and z"):
         Ground(RIG, lambda x, z: np.zeros(3)).apply(WALK)
     with pytest.raises(InvalidInput, match="finite"):

@@ -1,4 +1,4 @@
-"""Numbers and orders of a server that no honest one says: each is told as the breach of the protocol that it is."""
+"""Numbers and orders of messages that no valid server sends: each is reported as a protocol violation."""
 
 from __future__ import annotations
 
@@ -33,50 +33,54 @@ def opened(**more: object) -> session_pb2.SessionOpened:
     return session_pb2.SessionOpened(rig_id="stick9", model_id="synthetic", **more)  # type: ignore[arg-type]
 
 
-def at_no_frame(stream: FakeStream, event: session_pb2.SessionEvent) -> None:
+def start_frame_too_large(stream: FakeStream, event: session_pb2.SessionEvent) -> None:
     stream.push(event.session, opened=opened(start_frame=HUGE))
 
 
-def placed_at_no_frame(stream: FakeStream, event: session_pb2.SessionEvent) -> None:
+def placement_frame_too_large(stream: FakeStream, event: session_pb2.SessionEvent) -> None:
     placement = motion_pb2.ConstraintPlacement(constraint_id=1, anchor_frame=HUGE)
     stream.push(event.session, opened=opened(placements=[placement]))
 
 
-def level_first(stream: FakeStream, event: session_pb2.SessionEvent) -> None:
+def service_level_before_opening(stream: FakeStream, event: session_pb2.SessionEvent) -> None:
     stream.push(event.session, service_level=session_pb2.ServiceLevel(denoise_steps=2))
 
 
-def twice(stream: FakeStream, event: session_pb2.SessionEvent) -> None:
+def opened_twice(stream: FakeStream, event: session_pb2.SessionEvent) -> None:
     stream.push(event.session, opened=opened())
     stream.push(event.session, opened=opened())
 
 
-@pytest.mark.parametrize("say", [at_no_frame, placed_at_no_frame, level_first], ids=lambda say: say.__name__)
-async def test_an_opening_that_breaks_a_rule_is_told_to_who_opens(
+@pytest.mark.parametrize(
+    "say",
+    [start_frame_too_large, placement_frame_too_large, service_level_before_opening],
+    ids=lambda say: say.__name__,
+)
+async def test_invalid_answer_to_an_open_raises_protocol_violation_in_open(
     client: MotionClient, server: FakeServer, say: Say
 ) -> None:
     def answer(event: session_pb2.SessionEvent) -> session_pb2.EditOutcome:
         say(server.stream, event)
-        return session_pb2.EditOutcome()  # beside it: taken
+        return session_pb2.EditOutcome()  # in addition to the message: accepted
 
     server.refuse = answer
     with pytest.raises(ProtocolViolation):
         await client.open("walk")
 
 
-def plan_of_no_frame(stream: FakeStream, event: session_pb2.SessionEvent) -> None:
+def plan_frame_too_large(stream: FakeStream, event: session_pb2.SessionEvent) -> None:
     stream.push(1, plan=session_pb2.PlanNotice(plan=1000, valid_from=HUGE))
 
 
-def edit_at_no_frame(stream: FakeStream, event: session_pb2.SessionEvent) -> None:
+def effective_frame_too_large(stream: FakeStream, event: session_pb2.SessionEvent) -> None:
     stream.push(1, outcome=session_pb2.EditOutcome(event_seq=event.event_seq, effective_frame=HUGE))
 
 
-def reached_at_no_frame(stream: FakeStream, event: session_pb2.SessionEvent) -> None:
+def reached_frame_too_large(stream: FakeStream, event: session_pb2.SessionEvent) -> None:
     stream.push(1, constraint_reached=session_pb2.ConstraintReached(constraint_id=1, frame=HUGE))
 
 
-def committed_to_no_frame(stream: FakeStream, event: session_pb2.SessionEvent) -> None:
+def committed_frame_too_large(stream: FakeStream, event: session_pb2.SessionEvent) -> None:
     told = stream.characters[1]
     data = bytes(4 * ROW_WIDTH)
     chunk = motion_pb2.FrameChunk(plan=told.plan, first_frame=told.sent_to, frame_count=1, committed_to=HUGE, data=data)
@@ -86,10 +90,10 @@ def committed_to_no_frame(stream: FakeStream, event: session_pb2.SessionEvent) -
 
 @pytest.mark.parametrize(
     "say",
-    [plan_of_no_frame, edit_at_no_frame, reached_at_no_frame, committed_to_no_frame, twice],
+    [plan_frame_too_large, effective_frame_too_large, reached_frame_too_large, committed_frame_too_large, opened_twice],
     ids=lambda say: say.__name__,
 )
-async def test_what_breaks_a_rule_ends_the_stream_and_is_told(
+async def test_invalid_update_ends_the_session_with_protocol_violation(
     client: MotionClient, server: FakeServer, say: Say
 ) -> None:
     session = await client.open("walk")
@@ -105,7 +109,7 @@ async def test_what_breaks_a_rule_ends_the_stream_and_is_told(
         await session.constraint_reached(7)
 
 
-async def test_what_nobody_thought_of_is_told_and_not_taken_for_a_loss(
+async def test_unexpected_exception_ends_the_stream_without_reconnection(
     client: MotionClient, server: FakeServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     session = await client.open("walk")
@@ -120,7 +124,7 @@ async def test_what_nobody_thought_of_is_told_and_not_taken_for_a_loss(
     assert len(server.streams) == 1
 
 
-async def test_a_server_that_comes_back_without_the_rig_ends_the_session_alone(
+async def test_session_whose_rig_is_gone_after_reconnection_ends_but_not_its_stream(
     client: MotionClient, server: FakeServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     session = await client.open("walk")
@@ -135,7 +139,7 @@ async def test_a_server_that_comes_back_without_the_rig_ends_the_session_alone(
 
 
 @pytest.mark.parametrize("patch_frames", [1, 4, 2**32 - 1])
-async def test_a_history_that_no_message_holds_is_cut_to_what_one_does(
+async def test_history_of_a_reopened_session_is_cut_to_fit_one_message(
     client: MotionClient, server: FakeServer, monkeypatch: pytest.MonkeyPatch, patch_frames: int
 ) -> None:
     session = await client.open("walk")
@@ -149,10 +153,10 @@ async def test_a_history_that_no_message_holds_is_cut_to_what_one_does(
     assert 1 <= opening.prior_frames.frame_count <= other.limits.max_request_bytes // (4 * ROW_WIDTH)
 
 
-# ---- what a catalogue says
+# ---- catalogues
 
 
-def test_a_rig_of_rows_wider_than_any_skeleton_is_not_taken() -> None:
+def test_rig_with_too_wide_rows_or_no_joints_is_a_protocol_violation() -> None:
     message = rig(20)
     message.blocks.add(name="wide", width=2**31)
     with pytest.raises(ProtocolViolation, match="9 joints in rows of"):
@@ -162,7 +166,7 @@ def test_a_rig_of_rows_wider_than_any_skeleton_is_not_taken() -> None:
         convert.rig(motion_pb2.Rig(blocks=nobody, frame_rate=20))
 
 
-def test_offsets_that_are_not_finite_are_not_taken() -> None:
+def test_rig_with_offsets_that_are_not_finite_is_a_protocol_violation() -> None:
     message = rig(20)
     message.neutral_offsets_m[4] = float("inf")
     with pytest.raises(ProtocolViolation, match="not finite"):
@@ -180,7 +184,7 @@ def test_offsets_that_are_not_finite_are_not_taken() -> None:
         ("of_a_later_version", 2**20, False),
     ],
 )
-def test_outputs_are_as_wide_as_their_names_say(name: str, width: int, fits: bool) -> None:
+def test_output_of_a_wrong_width_is_a_protocol_violation(name: str, width: int, fits: bool) -> None:
     stick = convert.rig(rig(20))
     if fits:
         convert.check_outputs({name: width}, [name], stick)
@@ -189,21 +193,21 @@ def test_outputs_are_as_wide_as_their_names_say(name: str, width: int, fits: boo
         convert.check_outputs({name: width}, [name], stick)
 
 
-def test_no_limit_is_taken_for_more_than_is_ever_put_together() -> None:
+def test_max_request_bytes_of_a_server_is_capped_at_8_mib() -> None:
     message = catalog(20)
     message.limits.max_request_bytes = 2**32 - 1
     assert convert.catalog(message).limits.max_request_bytes == 8 * 1024 * 1024
 
 
-def test_as_many_other_servers_are_asked_as_the_contract_has() -> None:
+def test_only_the_first_three_other_servers_are_read() -> None:
     named = [session_pb2.OtherServer(routing_key=str(number)) for number in range(1000)]
     assert [each.routing_key for each in convert.other_servers(named)] == ["0", "1", "2"]
 
 
-# ---- what takes memory
+# ---- memory
 
 
-def test_no_more_is_held_ahead_than_there_is_memory_for() -> None:
+def test_frames_beyond_the_look_ahead_memory_are_a_protocol_violation() -> None:
     playback = Playback(20, 2)
     playback.announce_plan(1, 0)
     most = MOST_AHEAD_BYTES // 8
@@ -213,22 +217,22 @@ def test_no_more_is_held_ahead_than_there_is_memory_for() -> None:
     playback.add_chunk(1, 0, np.zeros((4, 2), np.float32), 0)
 
 
-def test_no_more_cuts_are_announced_ahead_than_anyone_makes() -> None:
+def test_more_than_64_cuts_ahead_are_a_protocol_violation() -> None:
     playback = Playback(20, 2)
     for plan in range(1, MOST_CUTS_AHEAD + 1):
         playback.announce_plan(plan, 100 + plan, is_cut=True)
     with pytest.raises(ProtocolViolation, match="64 cuts"):
         playback.announce_plan(65, 1000, is_cut=True)
-    playback.announce_plan(65, 110, is_cut=True)  # it takes the place of those behind it
+    playback.announce_plan(65, 110, is_cut=True)  # it replaces those behind it
     assert playback.is_cut(109)
     assert not playback.is_cut(111)
     assert playback.cut_before(110) == 109
     assert playback.cut_before(101) is None
 
 
-def test_a_chunk_that_unpacks_to_more_than_is_held_is_not_unpacked() -> None:
+def test_chunk_that_would_unpack_to_too_many_bytes_is_a_protocol_violation() -> None:
     message = rig(20)
-    message.blocks.add(name="wide", width=16_000)  # of which a quantised frame says nothing
+    message.blocks.add(name="wide", width=16_000)  # which a quantised frame does not contain
     reader = FrameReader(convert.rig(message), FrameFormat.QUANTISED)
     count = 10_000
     chunk = motion_pb2.FrameChunk(frame_count=count, data=bytes(count * reader.row_bytes))
@@ -258,7 +262,7 @@ WRONG = {
 
 
 class Clips(FakeServer):
-    """A server that says these parts of a clip, and sends on for as long as somebody listens."""
+    """A server that sends these parts of a clip, and then empty ones until the call ends."""
 
     def __init__(self, parts: list[Part]) -> None:
         super().__init__()
@@ -282,7 +286,7 @@ class Clips(FakeServer):
 
 
 @pytest.mark.parametrize("parts", WRONG.values(), ids=WRONG)
-async def test_a_clip_that_breaks_a_rule_is_refused_and_its_call_ended(parts: list[Part]) -> None:
+async def test_invalid_clip_raises_protocol_violation_and_ends_the_call(parts: list[Part]) -> None:
     with Clips(parts) as server:
         async with MotionClient(server.address) as client:
             with pytest.raises(ProtocolViolation):

@@ -1,4 +1,4 @@
-"""A server that breaks the rules of frames, or says goodbye between them: what a reader was given stays right."""
+"""A server that breaks the rules of frames, says goodbye or stops answering: no reader gets a wrong frame."""
 
 from __future__ import annotations
 
@@ -77,8 +77,8 @@ async def shown(session: Session, count: int) -> list[Frame]:
     return [frame async for frame in session.frames(seconds=count / 100, realtime=False)]
 
 
-def follow_each_other(frames: list[Frame]) -> bool:
-    """Whether the motion of the fake server goes 5 cm a frame, whatever the plans were."""
+def are_continuous(frames: list[Frame]) -> bool:
+    """Whether the root moves 5 cm per frame, as the fake server sends it, across all plans."""
     return [round(float(frame.root_translation_m[2]) / 0.05) for frame in frames] == [f.index for f in frames]
 
 
@@ -87,19 +87,19 @@ def follow_each_other(frames: list[Frame]) -> bool:
     [gap, replay, replayed_notice, plan_of_the_past, chunk_of_an_older_plan, promise_taken_back, half_a_row],
     ids=lambda script: script.__name__,
 )
-async def test_a_broken_rule_ends_the_stream_and_nothing_wrong_is_given(
+async def test_invalid_frames_or_plans_end_the_stream_and_no_wrong_frame_is_yielded(
     client: MotionClient, server: FakeServer, script: Script
 ) -> None:
     session = await client.open("walk", keep_s=None)
     frames = await shown(session, 60)
 
-    def play_up(event: session_pb2.SessionEvent) -> str:
-        """On the thread that sends frames, so that nothing of the fake server's own comes in between."""
+    def send_script(event: session_pb2.SessionEvent) -> str:
+        """Runs on the thread that sends frames, so that none of the fake server's own messages come in between."""
         if event.HasField("set_velocity"):
             script(server.stream, server.stream.characters[1])
         return ""
 
-    server.refuse = play_up
+    server.refuse = send_script
     session.set_velocity(0, 1)
 
     async def read_on() -> None:
@@ -109,10 +109,10 @@ async def test_a_broken_rule_ends_the_stream_and_nothing_wrong_is_given(
     with pytest.raises(ProtocolViolation):
         await read_on()
     assert [frame.index for frame in frames] == list(range(len(frames)))
-    assert follow_each_other(frames)
+    assert are_continuous(frames)
 
 
-async def test_a_goodbye_between_the_chunks_of_a_plan_loses_no_frame(client: MotionClient, server: FakeServer) -> None:
+async def test_goodbye_amid_playback_loses_no_frame(client: MotionClient, server: FakeServer) -> None:
     session = await client.open("walk")
     frames = await shown(session, 30)
     goodbye = service_pb2.Goodbye(reason=service_pb2.GOODBYE_REASON_DRAINING)
@@ -120,13 +120,13 @@ async def test_a_goodbye_between_the_chunks_of_a_plan_loses_no_frame(client: Mot
     server.stream.outgoing.put(service_pb2.StreamMotionResponse(goodbye=goodbye))
     frames += await shown(session, 170)
     assert [frame.index for frame in frames] == list(range(200))
-    assert follow_each_other(frames)
+    assert are_continuous(frames)
 
 
-async def left_for_another_line(server: FakeServer, say: Callable[[FakeStream], None]) -> list[FakeStream]:
-    """A server that answers no ping, and says something else over and over, is left, and no frame is lost by it.
+async def replaced_by_another_connection(server: FakeServer, say: Callable[[FakeStream], None]) -> list[FakeStream]:
+    """Check that a server which answers no ping, whatever else it sends, is reconnected to without losing a frame.
 
-    Returns its stream, and the one that came after.
+    Returns its stream, and the one that replaced it.
     """
     policy = LinePolicy(ping_s=0.05, pong_timeout_s=0.05)
     async with MotionClient(server.address, policy=policy) as client:
@@ -145,12 +145,12 @@ async def left_for_another_line(server: FakeServer, say: Callable[[FakeStream], 
     return [silent, server.stream]
 
 
-async def test_a_server_that_falls_silent_is_left_for_another_line(server: FakeServer) -> None:
-    await left_for_another_line(server, lambda _: None)
+async def test_connection_without_pongs_is_replaced_without_losing_frames(server: FakeServer) -> None:
+    await replaced_by_another_connection(server, lambda _: None)
 
 
-async def test_pongs_that_answer_no_ping_say_nothing_of_the_line(server: FakeServer) -> None:
+async def test_unsolicited_pongs_neither_keep_a_connection_nor_set_the_round_trip(server: FakeServer) -> None:
     pong = service_pb2.StreamMotionResponse(pong=service_pb2.Pong(client_time_ns=-(2**62)))
-    streams = await left_for_another_line(server, lambda stream: stream.outgoing.put(pong))
+    streams = await replaced_by_another_connection(server, lambda stream: stream.outgoing.put(pong))
     told = [ping.round_trip.ToSeconds() for stream in streams for ping in stream.pings]
     assert all(0 <= seconds < LIMIT_S for seconds in told)

@@ -1,4 +1,4 @@
-"""Streams to other servers that have no call when they are wanted again: nobody waits for them for ever."""
+"""Streams to other servers that are disconnected when they are needed again: no caller waits for them for ever."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from tests.client.waiting import until
 
 @pytest.fixture
 async def client(server: FakeServer) -> AsyncIterator[MotionClient]:
-    """Allowed to go anywhere."""
+    """A client that may follow any address."""
     async with MotionClient(server.address, other_addresses=lambda _: True) as connected:
         yield connected
 
 
-async def test_a_stream_that_was_ended_for_it_carried_nothing_is_used_again(
+async def test_idle_stream_that_the_other_server_ended_is_reconnected_when_needed(
     client: MotionClient, server: FakeServer, other: FakeServer
 ) -> None:
     home = await client.open("walk")
@@ -38,7 +38,7 @@ async def test_a_stream_that_was_ended_for_it_carried_nothing_is_used_again(
     assert (len(other.streams), len(other.stream.characters)) == (2, 1)
 
 
-async def test_a_session_that_comes_to_a_stream_without_a_call_has_one_made(
+async def test_session_adopted_by_a_disconnected_stream_makes_it_connect(
     client: MotionClient, other: FakeServer
 ) -> None:
     session = await client.open("walk")
@@ -56,15 +56,15 @@ async def test_a_session_that_comes_to_a_stream_without_a_call_has_one_made(
 
 @pytest.fixture
 async def gone(client: MotionClient, server: FakeServer) -> str:
-    """The address of a server that has left, to which the client has a stream."""
+    """The address of a server that has stopped, to which the client has a stream."""
     with FakeServer(replica_id="gone") as leaving:
         server.refuse = full((leaving.address, ""))
         await (await client.open("walk")).close()
     return leaving.address
 
 
-async def opening_with_patience_over(client: MotionClient, clock: ManualClock) -> asyncio.Task[object]:
-    """An opening that has waited for the one stream to another server for as long as it may."""
+async def open_past_the_hello_timeout(client: MotionClient, clock: ManualClock) -> asyncio.Task[object]:
+    """An opening that has waited longer than hello_timeout_s for the one stream to another server."""
     (begun,) = client._elsewhere._streams.values()
     calls = begun.result()._calls
     await until(lambda: not calls.is_connected)
@@ -74,23 +74,23 @@ async def opening_with_patience_over(client: MotionClient, clock: ManualClock) -
     return opening
 
 
-async def test_who_opens_is_refused_where_the_other_server_is_gone(
+async def test_open_raises_the_refusal_when_the_other_server_is_gone(
     clock: ManualClock, client: MotionClient, gone: str
 ) -> None:
-    opening = await opening_with_patience_over(client, clock)
+    opening = await open_past_the_hello_timeout(client, clock)
     with pytest.raises(EventRefused, match="OVERLOADED"):
         await opening
 
 
-async def test_a_server_that_is_gone_is_passed_over_for_the_next(
+async def test_other_server_that_is_gone_is_skipped_for_the_next(
     clock: ManualClock, client: MotionClient, server: FakeServer, other: FakeServer, gone: str
 ) -> None:
     server.refuse = full((gone, ""), (other.address, ""))
-    await (await opening_with_patience_over(client, clock))
+    await (await open_past_the_hello_timeout(client, clock))
     assert other.stream.characters
 
 
-async def test_a_session_waits_for_its_own_server_where_no_call_to_another_can_be_made(
+async def test_session_waits_for_its_own_server_when_another_cannot_be_called(
     clock: ManualClock, server: FakeServer, other: FakeServer, caplog: pytest.LogCaptureFixture
 ) -> None:
     refused = threading.Event()
@@ -119,6 +119,6 @@ async def test_a_session_waits_for_its_own_server_where_no_call_to_another_can_b
             await until(lambda: client._elsewhere._moving)
             await until(lambda: not client._elsewhere._moving)
         assert "cannot go on at another server: the issuer does not answer" in caplog.text
-        clock.advance(3600)  # as long as the server has asked it to wait
+        clock.advance(3600)  # the delay that the server asked for
         await until(lambda: session.stats.reopenings == 1)
         assert (len(server.streams), other.streams) == (2, [])

@@ -1,4 +1,4 @@
-"""What a session is told that is opened anew: all that holds, each thing once, however often the line is lost."""
+"""What a reopened session is sent: all that is still in force, once each, however often the connection is lost."""
 
 from __future__ import annotations
 
@@ -20,9 +20,7 @@ async def session(line: Line) -> Session:
     return await open_with_frames(line)
 
 
-async def test_what_holds_is_said_once_where_the_line_is_lost_again_before_an_answer(
-    session: Session, line: Line
-) -> None:
+async def test_each_reopening_sends_velocity_and_pending_cut_once(session: Session, line: Line) -> None:
     session.set_velocity(1.0, 0.0, seconds=2.0)
     session.hear(answer(2, effective_frame=10))  # to frame 210
     waiting = session.teleport(5.0, 0.0)
@@ -36,9 +34,7 @@ async def test_what_holds_is_said_once_where_the_line_is_lost_again_before_an_an
             session.hear(update)
 
 
-async def test_a_place_that_is_put_later_by_each_new_session_is_asked_for_until_it_is_reached(
-    session: Session, line: Line
-) -> None:
+async def test_constraint_at_any_frame_is_sent_at_each_reopening_until_reached(session: Session, line: Line) -> None:
     edit = session.go_to(1.0, 2.0)
     (key,) = edit.constraint_ids
 
@@ -55,8 +51,8 @@ async def test_a_place_that_is_put_later_by_each_new_session_is_asked_for_until_
             session.hear(update)
 
 
-async def test_of_a_path_each_new_session_is_told_what_the_one_before_has_left(session: Session, line: Line) -> None:
-    """Each walks 40 frames of what it was told, in which it comes to as many corners as it was put to."""
+async def test_each_reopening_sends_the_remaining_corners_of_a_path(session: Session, line: Line) -> None:
+    """Each walks 40 frames, and the placement that it answers says how many corners it passes in them."""
     edit = session.follow_path([[1.0, 0.0], [2.0, 0.0], [3.0, 0.0], [4.0, 0.0]])
 
     def put(anchor_x_m: float, last_frame: int) -> motion_pb2.ConstraintPlacement:
@@ -73,7 +69,7 @@ async def test_of_a_path_each_new_session_is_told_what_the_one_before_has_left(s
             session.hear(update)
 
 
-async def test_one_that_comes_back_with_another_rig_is_ended_at_the_server_too(session: Session, line: Line) -> None:
+async def test_session_reopened_with_another_rig_is_closed_at_the_server_too(session: Session, line: Line) -> None:
     session.set_prompt("a person runs")
     session.interrupt()
     session.reattach(convert.catalog(catalog(100)))
@@ -87,10 +83,10 @@ async def test_one_that_comes_back_with_another_rig_is_ended_at_the_server_too(s
 
 
 @pytest.mark.parametrize("is_taken", [True, False])
-async def test_a_prompt_that_was_dropped_while_the_line_was_lost_is_dropped_once(
+async def test_prompt_removed_while_disconnected_is_removed_again_only_if_refused(
     session: Session, line: Line, is_taken: bool
 ) -> None:
-    """A server refuses an edit that drops what it does not have, and with it the prompt that was set."""
+    """A server refuses an edit that removes a prompt it does not have, and with it the prompt that was set."""
     scheduled = session.set_prompt("a person waves", frame=10)
     session.hear(answer(2, effective_frame=10))
     session.playback.advance_to(20)

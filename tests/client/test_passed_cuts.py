@@ -1,4 +1,4 @@
-"""Cuts that became known when the playhead had passed them: they show at the next frame, and nothing slides there."""
+"""Cuts that become known after the playhead has passed them: they show at the next frame, without interpolation."""
 
 from __future__ import annotations
 
@@ -22,14 +22,12 @@ def playback(stick_rig: Rig) -> Playback:
     return playback
 
 
-@pytest.mark.parametrize("is_told_by_its_plan", [True, False])
-def test_a_cut_that_was_passed_shows_at_the_next_frame(
-    stick_rig: Rig, playback: Playback, is_told_by_its_plan: bool
-) -> None:
+@pytest.mark.parametrize("is_in_plan", [True, False])
+def test_cut_already_passed_shows_at_the_next_frame(stick_rig: Rig, playback: Playback, is_in_plan: bool) -> None:
     sampler = Sampler(stick_rig, playback)
     playback.advance(0.26)
     sampler.row(0.26)  # frames 3 to 5 have been shown
-    playback.announce_plan(2, 3, is_cut=is_told_by_its_plan)
+    playback.announce_plan(2, 3, is_cut=is_in_plan)
     assert playback.note_cut(4) == 6
     playback.add_chunk(2, 3, synthetic_rows(FAR_M, 3, 9), 0)
     assert [frame for frame in range(12) if playback.is_cut(frame)] == [6]
@@ -40,14 +38,14 @@ def test_a_cut_that_was_passed_shows_at_the_next_frame(
     assert seen == [NEAR_M] * 3 + [FAR_M] * 10
 
 
-def test_a_cut_ahead_shows_at_its_own_frame(playback: Playback) -> None:
+def test_cut_ahead_shows_at_its_own_frame(playback: Playback) -> None:
     playback.advance(0.26)
     playback.announce_plan(2, 3)
     assert playback.note_cut(8) == 8
     assert playback.cut_before(12) == 8
 
 
-def test_a_cut_that_was_shown_stays_when_a_late_plan_begins_before_it(playback: Playback) -> None:
+def test_cut_already_shown_stays_when_a_late_plan_begins_before_it(playback: Playback) -> None:
     playback.announce_plan(2, 3, is_cut=True)
     playback.add_chunk(2, 3, synthetic_rows(FAR_M, 3, 9), 0)
     playback.advance(0.26)
@@ -55,7 +53,7 @@ def test_a_cut_that_was_shown_stays_when_a_late_plan_begins_before_it(playback: 
     assert playback.cut_before(12) == 3, "frames 2 and 3 stay as they were shown, one on each side of it"
 
 
-def test_a_fade_ends_at_a_cut_that_falls_between_two_samples(stick_rig: Rig, playback: Playback) -> None:
+def test_fade_ends_at_a_cut_between_two_samples(stick_rig: Rig, playback: Playback) -> None:
     sampler = Sampler(stick_rig, playback, blend_s=1.0)
     sampler.row(0.0)
     playback.advance(0.02)
@@ -71,7 +69,7 @@ def test_a_fade_ends_at_a_cut_that_falls_between_two_samples(stick_rig: Rig, pla
     assert not sampler.is_fading
 
 
-def test_a_cut_is_known_until_it_was_sampled(stick_rig: Rig) -> None:
+def test_cut_is_known_until_it_was_sampled(stick_rig: Rig) -> None:
     playback = Playback(stick_rig.frame_rate_hz, stick_rig.row_width, keep_frames=0)
     sampler = Sampler(stick_rig, playback)
     playback.announce_plan(1, 0)
@@ -81,19 +79,19 @@ def test_a_cut_is_known_until_it_was_sampled(stick_rig: Rig) -> None:
     playback.advance(0.06)
     sampler.row(0.06)
     playback.add_chunk(2, 2, synthetic_rows(FAR_M, 2, 9), 0)
-    playback.advance(0.11)  # for a report, say; then a plan comes, and only then the next frame is drawn
+    playback.advance(0.11)  # as for a report; then a plan comes before the next frame is drawn
     playback.announce_plan(3, 11)
     assert sampler.row(0.11)[1][0] == pytest.approx(FAR_M)
 
 
-async def test_a_cut_that_was_passed_is_asked_for_again_if_the_session_is_then_opened_anew() -> None:
+async def test_passed_cut_is_sent_again_if_the_session_is_then_reopened() -> None:
     line = Line()
     session = await open_session(line)
     for update in frames(1):
         session.hear(update)
     session.teleport(5.0, 0.0)
     session.interrupt()
-    session.playback.advance_to(7)  # by hand, with the connection lost
+    session.playback.advance_to(7)  # by the application, while disconnected
     session.reattach(convert.catalog(catalog(100)))
     session.hear(opened())
     plan = session_pb2.PlanNotice(plan=2, valid_from=4, cause=session_pb2.PLAN_CAUSE_RESUME, event_seqs=[2])

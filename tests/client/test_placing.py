@@ -1,4 +1,4 @@
-"""Constraints that leave something to the server: how they are sent, told of, and asked for again after a loss."""
+"""Constraints that leave a choice to the server: how they are sent, reported, and sent again after a loss."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from motiongen_client import (
 from motiongen_client.placing import placed
 from motiongen_client.wishes import Wishes
 
-# It stood at (3, 5) and faced +X, so that its left is -Z.
+# The character stood at (3, 5) and faced +X, so that its left is -Z.
 HERE = Placement(7, 100, 170, 140, 100, 3.0, 5.0, math.pi / 2)
 
 
-def test_every_word_is_said() -> None:
+def test_flexible_constraints_and_paths_are_sent_with_all_their_fields() -> None:
     message = convert.constraint(
         7, Flexible(Waypoint(40, 1.0, 2.0), 80, frames_from_effect=True, is_relative=True, weight=0.5)
     )
@@ -45,24 +45,24 @@ def test_every_word_is_said() -> None:
 
 
 @pytest.mark.parametrize("weight", [0, -1, 10.5])
-def test_a_weight_that_cannot_be_is_refused(weight: float) -> None:
+def test_invalid_weight_is_refused(weight: float) -> None:
     with pytest.raises(InvalidInput, match="weight"):
         Flexible(Waypoint(4, 0.0, 0.0), weight=weight)
 
 
 @pytest.mark.parametrize("corners", [[], [[1.0, math.nan]], [[1.0, 2.0, 3.0]]])
-def test_a_path_that_cannot_be_is_refused(corners: list[list[float]]) -> None:
+def test_path_with_invalid_corners_is_refused(corners: list[list[float]]) -> None:
     with pytest.raises(InvalidInput, match="corners_m"):
         RootPath(corners if corners else np.zeros((0, 2)))
 
 
-def test_joints_need_no_root_but_a_joint() -> None:
+def test_joint_targets_need_at_least_one_joint_but_not_the_root() -> None:
     assert JointTargets(4, [3], [[0.0, 1.0, 0.0]]).joints == (3,)
     with pytest.raises(InvalidInput, match="joints"):
         JointTargets(4, [], np.zeros((0, 3)))
 
 
-def test_outcomes_tell_where_constraints_were_put_in_the_frames_of_the_application() -> None:
+def test_placements_in_outcomes_are_in_frames_of_the_application() -> None:
     message = session_pb2.EditOutcome(event_seq=4, effective_frame=10)
     message.placements.add(
         constraint_id=7, first_frame=10, last_frame=80, arrival_frame=50, anchor_frame=10, anchor_x=3
@@ -74,7 +74,7 @@ def test_outcomes_tell_where_constraints_were_put_in_the_frames_of_the_applicati
     assert (placement.anchor_frame, placement.anchor_x_m) == (110, 3.0)
 
 
-def test_what_was_seen_from_the_character_is_asked_for_in_the_world_again() -> None:
+def test_placed_relative_constraint_becomes_one_in_world_coordinates() -> None:
     found = placed(convert.constraint(7, Flexible(Waypoint(0, 0.5, 2.0, -math.pi / 2), is_relative=True)), HERE)
     assert not found.relative_to_character
     assert (found.waypoint.x, found.waypoint.z, found.waypoint.heading) == pytest.approx((5.0, 4.5, 0.0), abs=1e-6)
@@ -97,7 +97,7 @@ def test_what_was_seen_from_the_character_is_asked_for_in_the_world_again() -> N
         assert not found.relative_to_character
 
 
-def test_a_cut_is_said_by_a_pose_or_by_frames(stick_motion: Motion) -> None:
+def test_cut_is_sent_as_a_start_pose_or_as_prior_frames(stick_motion: Motion) -> None:
     pose = convert.seek(StartPose(1.0, 2.0, 0.5), None).start_pose
     assert (pose.x, pose.z, pose.heading) == (1.0, 2.0, 0.5)
     seek = convert.seek(None, stick_motion)
@@ -106,27 +106,27 @@ def test_a_cut_is_said_by_a_pose_or_by_frames(stick_motion: Motion) -> None:
     assert convert.FrameReader(stick_motion.rig).rows(seek.prior_frames) == pytest.approx(stick_motion.rows)
 
 
-def test_options_leave_what_is_not_said() -> None:
+def test_changed_options_are_sent_without_the_others() -> None:
     message = convert.set_options(None, None, 6, (None, 2.0), None)
     assert [field.name for field, _ in message.ListFields()] == ["denoise_steps", "guidance"]
     assert not message.guidance.HasField("text")
     assert convert.set_options(Priority.HERO, None, None, None, 8).priority == session_pb2.PRIORITY_CLASS_HERO
 
 
-def test_frames_from_the_effect_are_frames_of_the_session_again() -> None:
+def test_placed_frames_from_effect_become_frames_of_the_session() -> None:
     found = placed(convert.constraint(7, Flexible(Waypoint(30, 0.0, 0.0), 60, frames_from_effect=True)), HERE)
     assert (found.frame, found.last_frame, found.frames_from_effect) == (130, 160, False)
 
 
 def told(*upsert: motion_pb2.Constraint) -> Wishes:
-    """The wishes of a session that was told these, and has heard where the one with the id 7 was put."""
+    """The wishes of a session with these constraints, and with the placement of the one with the id 7."""
     wishes = Wishes()
     event = session_pb2.SessionEvent(edit_constraints=session_pb2.EditConstraints(upsert=upsert))
     wishes.take(event, 100, 90, [HERE])
     return wishes
 
 
-def test_a_session_that_is_opened_anew_is_told_what_is_left() -> None:
+def test_reopened_session_is_sent_placed_constraints_until_their_last_frame() -> None:
     soon = convert.constraint(7, Flexible(Waypoint(0, 0.0, 2.0), at_any_frame=True, is_relative=True))
     (left,) = told(soon).constraints_from(120)
     assert (left.at_any_frame, left.relative_to_character) == (True, False)
@@ -139,7 +139,7 @@ def test_a_session_that_is_opened_anew_is_told_what_is_left() -> None:
 
 
 @pytest.mark.parametrize(("frame", "corners"), [(100, [4, 5, 6, 5, 8, 5]), (137, [6, 5, 8, 5]), (170, [8, 5])])
-def test_of_a_path_that_has_begun_the_corners_ahead_are_left(frame: int, corners: list[float]) -> None:
+def test_path_that_has_begun_keeps_only_the_corners_ahead(frame: int, corners: list[float]) -> None:
     wishes = told(convert.constraint(7, RootPath([[4.0, 5.0], [6.0, 5.0], [8.0, 5.0]])))
     (left,) = wishes.constraints_from(frame)
     assert list(left.root_path.positions) == corners

@@ -1,4 +1,4 @@
-"""The overwrite rule, the playhead and underruns: one by one, and as a random day with a lawful server."""
+"""The overwrite rule, the playhead and underruns: one by one, and in random sequences from a valid server."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ SECOND = 20
 
 
 def rows(plan: int, first_frame: int, num_frames: int) -> NDArray[np.float32]:
-    """(T, 2): the plan and the frame, so that a row says what it is."""
+    """(T, 2): the plan and the frame of each row."""
     frames = np.arange(first_frame, first_frame + num_frames)
     return np.stack([np.full(num_frames, plan), frames], axis=1).astype(np.float32)
 
 
 def playback(num_frames: int = 40, **options: int) -> Playback:
-    """With one plan of num_frames frames."""
+    """A playback with one plan of num_frames frames."""
     made = Playback(FPS, 2, **options)
     made.announce_plan(1, 0)
     made.add_chunk(1, 0, rows(1, 0, num_frames), 0)
     return made
 
 
-def test_nothing_is_shown_before_the_first_frame() -> None:
+def test_playback_does_not_start_before_the_first_frame() -> None:
     empty = Playback(FPS, 2)
     assert list(empty.advance(5.0)) == []
     assert not empty.started
@@ -45,14 +45,14 @@ def test_each_frame_is_reached_once_at_its_time() -> None:
     assert player.next_due_s() == pytest.approx(100.3)
 
 
-def test_calling_at_exact_frame_times_never_slips() -> None:
+def test_advancing_at_exact_frame_times_reaches_one_frame_each() -> None:
     player = playback(num_frames=400)
     for frame in range(400):
         assert list(player.advance(0.1 + frame / FPS)) == [frame]
     assert player.underruns == 0
 
 
-def test_a_replan_drops_what_it_replaces_and_supplies_it_again() -> None:
+def test_replan_drops_the_frames_it_replaces_and_supplies_new_ones() -> None:
     player = playback()
     player.advance(0.0)
     assert player.announce_plan(2, 10) == 30
@@ -62,7 +62,7 @@ def test_a_replan_drops_what_it_replaces_and_supplies_it_again() -> None:
     assert (player.plan, player.committed_to, player.late_plans) == (2, 4, 0)
 
 
-def test_frames_below_valid_from_may_still_come_under_the_new_number() -> None:
+def test_frames_below_valid_from_may_arrive_under_the_new_plan() -> None:
     player = playback(num_frames=10)
     assert player.announce_plan(2, 20) == 0
     player.add_chunk(2, 10, rows(1, 10, 10), 0)
@@ -70,7 +70,7 @@ def test_frames_below_valid_from_may_still_come_under_the_new_number() -> None:
     assert player.buffered_to == 40
 
 
-def test_the_last_frame_is_held_and_every_frame_time_of_it_counted() -> None:
+def test_last_frame_is_held_and_each_frame_time_counts_as_underrun() -> None:
     player = playback(num_frames=3)
     player.advance(0.0)
     assert list(player.advance(0.10)) == [1, 2]
@@ -82,15 +82,15 @@ def test_the_last_frame_is_held_and_every_frame_time_of_it_counted() -> None:
     assert player.underruns == 4
     player.announce_plan(2, 3)
     player.add_chunk(2, 3, rows(2, 3, 10), 0)
-    assert list(player.advance(0.31)) == [3], "nothing is skipped after a hold"
+    assert list(player.advance(0.31)) == [3], "no frame is skipped after a hold"
     assert list(player.advance(0.35)) == []
     assert list(player.advance(0.36)) == [4]
     assert player.underruns == 4
 
 
 @given(calls=st.lists(st.floats(0.0, 0.3), min_size=1, max_size=30))
-def test_underruns_do_not_depend_on_how_often_one_looks(calls: list[float]) -> None:
-    """A buffer of 3 frames, shown from 0 s: at second s, all frame times after the third were held."""
+def test_underruns_do_not_depend_on_how_often_playback_is_advanced(calls: list[float]) -> None:
+    """A buffer of 3 frames is shown from 0 s: every frame time after the third is an underrun."""
     player, now_s = playback(num_frames=3), 0.0
     player.advance(now_s)
     for wait_s in calls:
@@ -99,7 +99,7 @@ def test_underruns_do_not_depend_on_how_often_one_looks(calls: list[float]) -> N
     assert player.underruns == max(int(now_s * FPS + 1e-6) - 2, 0)
 
 
-def test_a_shown_frame_stays_as_it_was_shown_when_a_plan_comes_too_late() -> None:
+def test_late_plan_does_not_change_frames_already_shown() -> None:
     player = playback()
     player.advance(0.0)
     player.advance(0.5)
@@ -123,14 +123,14 @@ def test_pausing_stops_the_clock_without_counting_underruns() -> None:
     assert player.underruns == 0
 
 
-def test_advance_to_goes_as_fast_as_wanted_and_real_time_may_follow() -> None:
+def test_real_time_playback_may_follow_advance_to() -> None:
     player = playback()
     assert list(player.advance_to(3)) == [0, 1, 2, 3]
     assert list(player.advance(50.0)) == []
     assert list(player.advance(50.05)) == [4]
 
 
-def test_only_what_was_asked_for_is_kept_behind_the_playhead() -> None:
+def test_only_keep_frames_are_kept_behind_the_playhead() -> None:
     player = playback(keep_frames=5)
     player.advance_to(20)
     assert player.first_kept == 15
@@ -139,12 +139,12 @@ def test_only_what_was_asked_for_is_kept_behind_the_playhead() -> None:
 
 
 @pytest.mark.parametrize("frame", [-1, 40])
-def test_advance_to_names_the_frames_there_are(frame: int) -> None:
+def test_advance_to_a_missing_frame_names_the_available_ones(frame: int) -> None:
     with pytest.raises(InvalidInput, match="from 0 to 39"):
         playback().advance_to(frame)
 
 
-def test_broken_rules_are_named() -> None:
+def test_broken_rules_of_plans_and_chunks_are_protocol_violations() -> None:
     player = playback()
     player.announce_plan(2, 40)
     with pytest.raises(ProtocolViolation, match="plan 1 arrived, but the latest plan is 2"):
@@ -170,8 +170,8 @@ def test_options_out_of_range_are_refused(options: dict[str, float], name: str) 
         Playback(**{"frame_rate_hz": FPS, "row_width": 2, **options})  # type: ignore[arg-type]
 
 
-class LawfulDay(RuleBasedStateMachine):
-    """A server that keeps the rules, a viewer that looks when it likes; `true` is the motion as the server means it."""
+class PlaybackOfAValidServer(RuleBasedStateMachine):
+    """A server that keeps the rules, and a viewer that looks at random times; `true` is the motion that is sent."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -225,7 +225,7 @@ class LawfulDay(RuleBasedStateMachine):
             self.shown.append(int(plan))
 
     @invariant()
-    def what_was_shown_or_committed_stays(self) -> None:
+    def shown_and_committed_frames_do_not_change(self) -> None:
         held = min(self.player.buffered_to, len(self.true))
         assert self.player.late_plans == 0
         for frame in range(min(len(self.shown), held)):
@@ -234,11 +234,11 @@ class LawfulDay(RuleBasedStateMachine):
             assert self.player.row(frame)[0] == plan
 
     @invariant()
-    def time_is_shown_or_counted(self) -> None:
-        """Every frame time shows a new frame or is counted as held; the one a hold ends in may be both."""
+    def every_frame_time_shows_a_frame_or_counts_as_underrun(self) -> None:
+        """Every frame time shows a new frame or is counted as an underrun; the one in which a hold ends may be both."""
         if self.player.started:
             assert len(self.shown) + self.player.underruns <= int(self.now_s * FPS) + 2 + self.num_holds
 
 
-LawfulDay.TestCase.settings = settings(max_examples=30, stateful_step_count=30, deadline=None)
-TestLawfulDay = LawfulDay.TestCase
+PlaybackOfAValidServer.TestCase.settings = settings(max_examples=30, stateful_step_count=30, deadline=None)
+TestPlaybackOfAValidServer = PlaybackOfAValidServer.TestCase

@@ -1,4 +1,4 @@
-"""Joint positions made for runs of frames are those made for each alone, also where a replan comes between."""
+"""Joint positions computed for runs of frames equal those of single frames, also when a replan comes between."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def playback(stick_rig: Rig) -> Playback:
     return playback
 
 
-def test_a_run_is_made_once_and_equals_frames_made_alone(
+def test_each_run_of_frames_is_posed_once_and_equals_single_frames(
     stick_rig: Rig, playback: Playback, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made = []
@@ -42,7 +42,7 @@ def test_a_run_is_made_once_and_equals_frames_made_alone(
     assert made == [RUN_FRAMES, RUN_FRAMES, 40 - 2 * RUN_FRAMES]
 
 
-def test_frames_that_were_replaced_since_are_posed_as_they_are(stick_rig: Rig, playback: Playback) -> None:
+def test_frames_replaced_by_a_replan_keep_their_own_poses(stick_rig: Rig, playback: Playback) -> None:
     poser = Poser(stick_rig, playback)
     old = [Frame(stick_rig, index, playback.row(index), poser) for index in (8, 12)]
     assert old[0].joint_positions_m()[0][0] == 1
@@ -51,7 +51,7 @@ def test_frames_that_were_replaced_since_are_posed_as_they_are(stick_rig: Rig, p
     new = Frame(stick_rig, 12, playback.row(12), poser)
     assert (old[1].joint_positions_m()[0][0], new.joint_positions_m()[0][0]) == (1, 2), "x is the plan's number"
     old[0].joint_positions_m()[:] = 0
-    assert old[0].joint_positions_m()[0][0] == 1, "what is given out is the caller's"
+    assert old[0].joint_positions_m()[0][0] == 1, "the caller owns the array that it was given"
 
 
 async def test_frames_of_a_session_are_posed_in_runs(client: MotionClient) -> None:

@@ -1,4 +1,4 @@
-"""What became of constraints, as the client tells it."""
+"""What became of constraints, as the client reports it."""
 
 from __future__ import annotations
 
@@ -26,14 +26,16 @@ def told(frame: int = 30, met: bool = True, **errors: float) -> session_pb2.Cons
     return session_pb2.ConstraintReached(constraint_id=1, met=met, frame=frame, **errors)
 
 
-async def test_it_is_waited_for_called_back_and_kept(client: MotionClient, server: FakeServer) -> None:
+async def test_constraint_outcome_is_awaited_called_back_once_and_remembered(
+    client: MotionClient, server: FakeServer
+) -> None:
     session = await client.open("a person walks")
     called: list[ConstraintReached] = []
     session.on_constraint_reached = called.append
     edit = session.add_constraints([Waypoint(30, 1.0, 2.0, tolerance_m=0.5, tolerance_rad=0.25)])
     await edit
     waiting = asyncio.ensure_future(session.constraint_reached(edit.constraint_ids[0]))
-    for _ in range(2):  # a server tells it again to a session that resumes
+    for _ in range(2):  # a server repeats it to a session that resumes
         server.stream.push(session.handle, constraint_reached=told(position_error_m=0.25))
     reached = await waiting
     assert reached == ConstraintReached(1, True, 30, 0.25, None)
@@ -45,7 +47,7 @@ async def test_it_is_waited_for_called_back_and_kept(client: MotionClient, serve
     assert (constraint.tolerance_m, constraint.tolerance_rad) == (0.5, 0.25)
 
 
-async def test_an_id_that_is_used_again_has_news_again(client: MotionClient, server: FakeServer) -> None:
+async def test_second_outcome_with_the_same_id_is_called_back_too(client: MotionClient, server: FakeServer) -> None:
     session = await client.open("a person walks")
     called: list[ConstraintReached] = []
     session.on_constraint_reached = called.append
@@ -58,7 +60,7 @@ async def test_an_id_that_is_used_again_has_news_again(client: MotionClient, ser
     ]
 
 
-async def test_a_session_that_ends_tells_who_waits(client: MotionClient) -> None:
+async def test_waiting_for_a_constraint_raises_when_the_session_ends(client: MotionClient) -> None:
     session = await client.open("a person walks")
     waiting = asyncio.ensure_future(session.constraint_reached(1))
     await session.close()
@@ -68,7 +70,7 @@ async def test_a_session_that_ends_tells_who_waits(client: MotionClient) -> None
         await session.constraint_reached(2)
 
 
-async def test_a_heading_and_rotations_are_sent_without_a_place(client: MotionClient, server: FakeServer) -> None:
+async def test_heading_and_joint_rotations_are_sent_without_positions(client: MotionClient, server: FakeServer) -> None:
     session = await client.open("a person walks")
     await session.add_heading(0.0, frame=30)
     await session.add_constraints([JointRotations(31, [2, 3], [[1, 0, 0, 0], [0, 1, 0, 0]])])
@@ -78,9 +80,7 @@ async def test_a_heading_and_rotations_are_sent_without_a_place(client: MotionCl
     assert list(sent[1].joint_rotations.rotations) == [1, 0, 0, 0, 0, 1, 0, 0]
 
 
-async def test_a_constraint_that_takes_the_place_of_another_has_news_of_its_own(
-    client: MotionClient, server: FakeServer
-) -> None:
+async def test_replacement_constraint_has_its_own_outcome(client: MotionClient, server: FakeServer) -> None:
     session = await client.open("a person walks")
     await session.add_waypoint(1, 2, frame=30)
     server.stream.push(session.handle, constraint_reached=told(30))
@@ -91,7 +91,9 @@ async def test_a_constraint_that_takes_the_place_of_another_has_news_of_its_own(
     assert (await waiting).frame == 60
 
 
-async def test_old_news_is_not_of_the_constraint_that_has_the_id_now(client: MotionClient, server: FakeServer) -> None:
+async def test_repeated_outcome_is_not_taken_for_that_of_the_replacement(
+    client: MotionClient, server: FakeServer
+) -> None:
     session = await client.open("a person walks")
     called: list[ConstraintReached] = []
     session.on_constraint_reached = called.append
@@ -100,14 +102,14 @@ async def test_old_news_is_not_of_the_constraint_that_has_the_id_now(client: Mot
     await session.constraint_reached(1)
     await session.replace_constraint(1, HeadingTarget(60, 1.0))
     waiting = asyncio.ensure_future(session.constraint_reached(1))
-    server.stream.push(session.handle, constraint_reached=told(30))  # told again, to a session that resumes
+    server.stream.push(session.handle, constraint_reached=told(30))  # repeated, as to a session that resumes
     server.stream.push(session.handle, constraint_reached=told(60))
     assert (await waiting).frame == 60
     assert [each.frame for each in called] == [30, 60]
 
 
 @pytest.mark.parametrize("is_refused", [False, True])
-async def test_news_that_crosses_a_replacement_is_of_the_one_before(
+async def test_outcome_that_crosses_a_replacement_belongs_to_the_replaced_constraint(
     client: MotionClient, server: FakeServer, is_refused: bool
 ) -> None:
     session = await client.open("a person walks")
@@ -134,29 +136,27 @@ async def test_news_that_crosses_a_replacement_is_of_the_one_before(
 
 
 @pytest.mark.parametrize("joints", [[], [1, 2]])
-def test_rotations_that_do_not_fit_their_joints_are_refused_here(joints: list[int]) -> None:
+def test_joint_rotations_that_do_not_match_their_joints_are_refused(joints: list[int]) -> None:
     with pytest.raises(InvalidInput):
         JointRotations(30, joints, [[1, 0, 0, 0]])
 
 
 @pytest.mark.parametrize("tolerance", [{"tolerance_m": -1.0}, {"tolerance_m": math.inf}, {"tolerance_rad": 4.0}])
-def test_a_tolerance_that_cannot_be_is_refused_here(tolerance: dict[str, float]) -> None:
+def test_invalid_tolerance_is_refused(tolerance: dict[str, float]) -> None:
     with pytest.raises(InvalidInput, match="tolerance"):
         Waypoint(30, 1.0, 2.0, **tolerance)
 
 
-async def test_one_that_was_refused_is_not_waited_for(client: MotionClient, server: FakeServer) -> None:
+async def test_waiting_for_a_refused_constraint_raises_the_refusal(client: MotionClient, server: FakeServer) -> None:
     session = await client.open("a person walks")
     server.refuse = lambda event: "FRAME_COMMITTED" if event.HasField("edit_constraints") else ""
     edit = session.add_waypoint(1.0, 2.0, frame=1)
-    for _ in range(2):  # who waits for the answer, and who asks later
+    for _ in range(2):  # the caller that waits for the answer, and one that asks later
         with pytest.raises(EventRefused, match="FRAME_COMMITTED"):
             await session.constraint_reached(edit.constraint_ids[0])
 
 
-async def test_what_became_of_one_stays_known_where_another_does_not_take_its_place(
-    client: MotionClient, server: FakeServer
-) -> None:
+async def test_outcome_stays_known_when_a_replacement_is_refused(client: MotionClient, server: FakeServer) -> None:
     session = await client.open("a person walks")
     edit = session.add_waypoint(1.0, 2.0, frame=30)
     await edit
@@ -169,7 +169,7 @@ async def test_what_became_of_one_stays_known_where_another_does_not_take_its_pl
         assert await session.constraint_reached(reached.constraint_id) == reached
 
 
-async def test_one_whose_frames_passed_while_the_line_was_lost_is_not_waited_for(
+async def test_waiting_for_a_constraint_that_passed_while_disconnected_raises(
     client: MotionClient, server: FakeServer
 ) -> None:
     session = await client.open("a person walks")
@@ -177,7 +177,7 @@ async def test_one_whose_frames_passed_while_the_line_was_lost_is_not_waited_for
     late = session.add_waypoint(1.0, 2.0, frame=100_000)
     await late
     waiting = asyncio.ensure_future(session.constraint_reached(late.constraint_ids[0]))
-    server.stream.fail(grpc.StatusCode.UNAVAILABLE)  # and the server has kept nothing
+    server.stream.fail(grpc.StatusCode.UNAVAILABLE)  # and the server has not kept the session
     with pytest.raises(EventRefused, match="its frames passed"):
         await session.constraint_reached(early.constraint_ids[0])
     assert session.stats.reopenings == 1

@@ -1,4 +1,4 @@
-"""What became of constraints, where sessions are opened anew and ids are used again: nobody waits for ever."""
+"""What became of constraints of reopened sessions and of ids that are used again: no caller waits for ever."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ async def session(line: Line) -> Session:
     return await open_with_frames(line)
 
 
-async def test_of_an_edit_without_an_answer_what_has_passed_is_refused_and_the_rest_asked_for(
+async def test_reopening_refuses_passed_constraints_of_an_edit_and_resends_the_rest(
     session: Session, line: Line
 ) -> None:
     edit = session.add_constraints([Waypoint(30, 1.0, 2.0), Waypoint(900, 3.0, 4.0)])
@@ -43,8 +43,8 @@ async def test_of_an_edit_without_an_answer_what_has_passed_is_refused_and_the_r
     assert (await waiting[1]).frame == 900
 
 
-async def test_a_session_opened_anew_takes_no_edit_of_which_a_part_has_passed(session: Session, line: Line) -> None:
-    """Its server would refuse it as a whole, but cannot be told of frames before its own."""
+async def test_reopened_session_refuses_an_edit_with_a_passed_constraint(session: Session, line: Line) -> None:
+    """A server refuses such an edit as a whole, but a reopened session cannot send it frames before its first."""
     open_anew(session, line)
     with pytest.raises(InvalidInput, match="frames still to come"):
         session.add_constraints([Waypoint(HORIZON - 1, 1.0, 2.0), Waypoint(900, 3.0, 4.0)])
@@ -52,7 +52,7 @@ async def test_a_session_opened_anew_takes_no_edit_of_which_a_part_has_passed(se
 
 
 @pytest.mark.parametrize("is_taken", [True, False])
-async def test_one_that_is_to_take_the_place_of_one_that_has_passed_is_waited_for(
+async def test_pending_replacement_of_a_passed_constraint_is_waited_for(
     session: Session, line: Line, is_taken: bool
 ) -> None:
     adding = session.add_waypoint(1.0, 2.0, frame=30)
@@ -78,7 +78,7 @@ async def test_one_that_is_to_take_the_place_of_one_that_has_passed_is_waited_fo
     assert (await session.constraint_reached(key)).frame == 900
 
 
-async def test_one_that_was_refused_stays_so_where_another_in_its_place_is_refused_too(session: Session) -> None:
+async def test_waiting_for_a_refused_replacement_of_a_refused_constraint_raises(session: Session) -> None:
     adding = session.add_waypoint(1.0, 2.0, frame=30)
     session.hear(answer(2, code=9, reason="FRAME_COMMITTED"))
     with pytest.raises(EventRefused):
@@ -95,10 +95,10 @@ async def test_one_that_was_refused_stays_so_where_another_in_its_place_is_refus
 
 
 @pytest.mark.parametrize("is_added", [True, False])
-async def test_what_is_heard_before_a_replacement_is_answered_is_of_the_one_before(
+async def test_outcome_before_the_answer_to_a_replacement_is_of_the_replaced_one(
     session: Session, is_added: bool
 ) -> None:
-    """The one before may have had no answer itself when the other was sent."""
+    """The replaced constraint may itself be unanswered when its replacement is sent."""
     adding = session.add_waypoint(1.0, 2.0, frame=30)
     replacing = session.replace_constraint(*adding.constraint_ids, Waypoint(900, 1.0, 2.0))
     waiting = asyncio.ensure_future(session.constraint_reached(*adding.constraint_ids))
@@ -108,7 +108,7 @@ async def test_what_is_heard_before_a_replacement_is_answered_is_of_the_one_befo
         session.hear(told(1, 30))
     else:
         session.hear(answer(2, code=9, reason="FRAME_COMMITTED"))
-    session.hear(answer(3, effective_frame=20))  # in one message with the answer before
+    session.hear(answer(3, effective_frame=20))  # in the same message as the answer before
     await replacing
     await asyncio.sleep(0)
     assert not waiting.done()
@@ -116,8 +116,8 @@ async def test_what_is_heard_before_a_replacement_is_answered_is_of_the_one_befo
     assert (await waiting).frame == 900
 
 
-async def test_one_that_has_passed_and_was_not_told_of_is_not_forgotten(session: Session, line: Line) -> None:
-    """The line may be lost between an answer and the news of a target that the character has come to meanwhile."""
+async def test_constraint_that_passed_without_an_outcome_is_refused_at_reopening(session: Session, line: Line) -> None:
+    """The connection may be lost after the answer, and before the outcome of a target already reached arrives."""
     passed = session.add_waypoint(1.0, 2.0, frame=20)
     session.hear(answer(2, effective_frame=10))
     session.playback.advance_to(30)
@@ -129,7 +129,7 @@ async def test_one_that_has_passed_and_was_not_told_of_is_not_forgotten(session:
             await session.constraint_reached(*passed.constraint_ids)
 
 
-async def test_what_is_told_again_behind_the_answer_of_a_replacement_is_of_the_one_before(
+async def test_outcome_repeated_after_an_answered_replacement_is_of_the_replaced_one(
     line: Line,
 ) -> None:
     session = await open_session(line, TOKEN)
@@ -143,7 +143,7 @@ async def test_what_is_told_again_behind_the_answer_of_a_replacement_is_of_the_o
     session.replace_constraint(key, Waypoint(900, 3.0, 4.0))
     waiting = asyncio.ensure_future(session.constraint_reached(key))
     await asyncio.sleep(0)
-    session.interrupt()  # with the news of the first, and the answer of the second, under way
+    session.interrupt()  # while the outcome of the first and the answer to the second are under way
     session.reattach(convert.catalog(catalog(100)))
     for update in (opened(), answer(3, effective_frame=40), told(key, 30)):
         session.hear(update)
@@ -152,14 +152,14 @@ async def test_what_is_told_again_behind_the_answer_of_a_replacement_is_of_the_o
     session.interrupt()
     session.reattach(convert.catalog(catalog(100)))
     session.hear(answer(1, code=5, reason="SESSION_NOT_KEPT"))
-    assert [target.frame for target in line.said[-1].open.constraints] == [900 - HORIZON], "it is still asked for"
+    assert [target.frame for target in line.said[-1].open.constraints] == [900 - HORIZON], "it is still sent"
     session.hear(opened())
     session.hear(told(key, 900 - HORIZON))
     assert (await waiting).frame == 900
     assert called == [30, 900]
 
 
-async def test_what_is_told_again_of_one_before_is_not_of_the_one_in_force_when_the_next_is_refused(line: Line) -> None:
+async def test_repeated_outcome_is_ignored_when_a_second_replacement_is_refused(line: Line) -> None:
     session = await open_session(line, TOKEN)
     for update in frames(1):
         session.hear(update)
@@ -167,7 +167,7 @@ async def test_what_is_told_again_of_one_before_is_not_of_the_one_in_force_when_
     session.hear(answer(2, effective_frame=10))
     (key,) = adding.constraint_ids
     session.replace_constraint(key, Waypoint(900, 3.0, 4.0))
-    session.interrupt()  # with the news of the first, and the answer of the second, under way
+    session.interrupt()  # while the outcome of the first and the answer to the second are under way
     session.reattach(convert.catalog(catalog(100)))
     for update in (opened(), answer(3, effective_frame=40)):
         session.hear(update)
@@ -182,16 +182,16 @@ async def test_what_is_told_again_of_one_before_is_not_of_the_one_in_force_when_
     assert (await waiting).frame == 900
 
 
-# ---- what is known no more
+# ---- outcomes that are no longer remembered
 
 
 @pytest.fixture
-def little_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+def few_outcomes_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(reached, "MOST_KEPT", 4)
 
 
 def add(session: Session, number: int, **what: object) -> tuple[int, ...]:
-    """The ids of targets that are set one by one, each of which its server answers."""
+    """Set targets one by one, each answered by the server. Returns their ids."""
     ids = []
     for frame in range(100, 100 + number):
         adding = session.add_waypoint(1.0, 2.0, frame=frame)
@@ -200,8 +200,8 @@ def add(session: Session, number: int, **what: object) -> tuple[int, ...]:
     return tuple(ids)
 
 
-@pytest.mark.usefixtures("little_memory")
-async def test_who_asks_for_more_than_is_remembered_is_told_so(session: Session) -> None:
+@pytest.mark.usefixtures("few_outcomes_kept")
+async def test_only_the_newest_outcomes_are_remembered_and_older_ids_are_refused(session: Session) -> None:
     ahead, *over = add(session, 7, effective_frame=10)
     for key in over:
         session.hear(told(key, 100 + key))
@@ -214,11 +214,11 @@ async def test_who_asks_for_more_than_is_remembered_is_told_so(session: Session)
     waiting = asyncio.ensure_future(session.constraint_reached(ahead))
     await asyncio.sleep(0)
     session.hear(told(ahead, 100))
-    assert (await waiting).frame == 100, "it still applied, however many were told of meanwhile"
+    assert (await waiting).frame == 100, "it was still ahead, however many outcomes came meanwhile"
 
 
-@pytest.mark.usefixtures("little_memory")
-async def test_so_it_is_with_refusals_and_with_what_has_passed(session: Session, line: Line) -> None:
+@pytest.mark.usefixtures("few_outcomes_kept")
+async def test_only_the_newest_refused_and_passed_constraints_are_remembered(session: Session, line: Line) -> None:
     first, *_ = add(session, 5, code=9, reason="NO_WAY")
     passing = session.add_constraints([Waypoint(20 + number, 1.0, 2.0) for number in range(5)])
     session.hear(answer(passing.event_seq, effective_frame=10))
@@ -231,8 +231,8 @@ async def test_so_it_is_with_refusals_and_with_what_has_passed(session: Session,
         await session.constraint_reached(passing.constraint_ids[-1])
 
 
-@pytest.mark.usefixtures("little_memory")
-async def test_what_is_forgotten_can_be_replaced_and_who_waits_hears_that_of_the_one_set_last(session: Session) -> None:
+@pytest.mark.usefixtures("few_outcomes_kept")
+async def test_constraint_with_a_forgotten_outcome_can_be_replaced(session: Session) -> None:
     first, *over = add(session, 5, effective_frame=10)
     for key in (first, *over):
         session.hear(told(key, 100 + key))

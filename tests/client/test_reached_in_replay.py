@@ -1,4 +1,4 @@
-"""Reports that follow answers when a session resumes: of the constraint that has the id, or of one that it replaced."""
+"""Outcomes of constraints after a session resumes: of the one that has the id now, or of one that it replaced."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TRAJECTORY = RootTrajectory(5, np.zeros((56, 2)))
 
 @pytest.fixture
 async def session() -> Session:
-    """Open, with a constraint of id 1 at FORMER_AT."""
+    """An open session with a constraint of id 1 at FORMER_AT."""
     session = await open_session(Line(), TOKEN)
     for update in frames(1):
         session.hear(update)
@@ -46,7 +46,7 @@ async def outcome_so_far(session: Session) -> asyncio.Future[ConstraintReached]:
 @pytest.mark.parametrize(
     ("replacement", "reported_at"), [(RANGE, 25), (RANGE, 900), (TRAJECTORY, 60), (Waypoint(FORMER_AT - 2, 0, 0), 8)]
 )
-async def test_it_is_of_the_one_before_if_the_present_one_has_no_such_frame(
+async def test_outcome_at_a_frame_not_of_the_replacement_is_of_the_replaced_one(
     session: Session, replacement: Constraint, reported_at: int
 ) -> None:
     called: list[int] = []
@@ -62,8 +62,8 @@ async def test_it_is_of_the_one_before_if_the_present_one_has_no_such_frame(
     assert called == [FORMER_AT, reported_at]
 
 
-async def test_once_frames_have_come_it_is_of_the_present_one(session: Session) -> None:
-    """A frame of the plan before the replacement may be the nearest, and no report of the one before is to come."""
+async def test_outcome_after_new_frames_is_of_the_replacement(session: Session) -> None:
+    """The nearest frame may be before the replacement takes effect; no outcome of the replaced one can still come."""
     session.replace_constraint(1, RANGE)
     resume(session)
     session.hear(answer(3, effective_frame=TAKES_EFFECT_AT))
@@ -73,7 +73,7 @@ async def test_once_frames_have_come_it_is_of_the_present_one(session: Session) 
     assert (await outcome_so_far(session)).result().frame == TAKES_EFFECT_AT - 1
 
 
-async def test_it_is_of_the_present_one_if_its_answer_had_come_before(session: Session) -> None:
+async def test_outcome_is_of_a_replacement_answered_before_the_loss(session: Session) -> None:
     session.replace_constraint(1, RANGE)
     session.hear(answer(3, effective_frame=TAKES_EFFECT_AT))
     resume(session)
@@ -81,11 +81,11 @@ async def test_it_is_of_the_present_one_if_its_answer_had_come_before(session: S
     assert (await outcome_so_far(session)).result().frame == TAKES_EFFECT_AT - 1
 
 
-async def test_it_is_of_none_whose_replacement_is_refused(session: Session) -> None:
+async def test_outcome_of_a_replaced_constraint_ends_no_wait_for_its_replacement(session: Session) -> None:
     session.replace_constraint(1, RANGE)
     resume(session)
     session.hear(answer(3, effective_frame=TAKES_EFFECT_AT))
     session.replace_constraint(1, Waypoint(50, 0, 0))
     session.hear(told(1, FORMER_AT))
     session.hear(answer(4, code=9, reason="FRAME_COMMITTED"))
-    assert not (await outcome_so_far(session)).done(), "the second applies, and is ahead"
+    assert not (await outcome_so_far(session)).done(), "the replacement is in force, and still ahead"

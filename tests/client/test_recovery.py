@@ -1,4 +1,4 @@
-"""What a client needs to find its way back: delays, and sessions that are opened anew."""
+"""Recovery from a lost connection: delays, and sessions that are reopened."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.client.fake_server import FakeServer, FakeStream
 from tests.client.waiting import received, until
 
 
-def test_delays_grow_to_a_longest_one_and_begin_anew() -> None:
+def test_delays_grow_to_a_maximum_and_start_again_after_reset() -> None:
     backoff = Backoff(lambda: 1.0)
     delays = [backoff.next_s() for _ in range(24)]
     assert delays[0] == FIRST_DELAY_S
@@ -32,13 +32,13 @@ def test_delays_differ_from_client_to_client() -> None:
 
 
 @pytest.mark.parametrize("wrong", [{"recover_s": -1}, {"ping_s": 0}, {"pong_timeout_s": 0}, {"hello_timeout_s": -1}])
-def test_a_policy_that_cannot_be_is_refused(wrong: dict[str, float]) -> None:
+def test_invalid_line_policy_is_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(InvalidInput, match=next(iter(wrong))):
         LinePolicy(**wrong)
 
 
-async def test_a_server_that_starts_later_is_waited_for() -> None:
-    server = FakeServer()  # its port is taken, but nobody answers there
+async def test_connect_waits_for_a_server_that_starts_later() -> None:
+    server = FakeServer()  # its port is bound, but it does not answer yet
     connecting = asyncio.create_task(MotionClient(server.address, connect_timeout_s=60).connect())
     await asyncio.sleep(0)
     with server:
@@ -47,7 +47,7 @@ async def test_a_server_that_starts_later_is_waited_for() -> None:
         await client.close()
 
 
-async def test_where_no_session_is_resumed_it_is_opened_anew_with_what_was_held(
+async def test_session_that_cannot_be_resumed_is_reopened_with_its_frames_and_prompts(
     client: MotionClient, server: FakeServer
 ) -> None:
     session = await client.open("one", later_prompts={500: "two"})
@@ -83,9 +83,7 @@ async def test_a_lost_connection_is_logged_once_with_its_cause(
     assert said == [f"the connection to {server.address} was lost ({cause}); reconnecting"]
 
 
-async def test_a_session_opened_anew_has_all_options_that_were_accepted(
-    client: MotionClient, server: FakeServer
-) -> None:
+async def test_reopened_session_has_all_options_that_were_accepted(client: MotionClient, server: FakeServer) -> None:
     session = await client.open("one", options=SessionOptions(text_guidance=2.0))
     server.refuse = lambda event: "NO_ROOM" if event.set_options.history_frames else ""
     edits = [
@@ -106,15 +104,15 @@ async def test_a_session_opened_anew_has_all_options_that_were_accepted(
     assert opening.guidance == session_pb2.Guidance(constraint=3.0)
 
 
-async def test_a_session_that_nobody_looks_at_says_where_it_stands(client: MotionClient, server: FakeServer) -> None:
+async def test_session_whose_frames_are_not_taken_reports_its_playhead(
+    client: MotionClient, server: FakeServer
+) -> None:
     await client.open("a person walks")
     reports = await received(server, "playhead", 2)
     assert {report.playhead.frame for report in reports} == {0}
 
 
-async def test_a_paused_session_that_is_opened_anew_says_where_it_stands(
-    client: MotionClient, server: FakeServer
-) -> None:
+async def test_paused_session_reports_its_playhead_after_reopening(client: MotionClient, server: FakeServer) -> None:
     session = await client.open("a person walks")
     async for _ in session.frames(seconds=0.2, realtime=False):
         pass
@@ -123,12 +121,12 @@ async def test_a_paused_session_that_is_opened_anew_says_where_it_stands(
     await until(lambda: session.reopenings or None)
     assert session.playback.playhead < session.reopenings[0].frame
     reports = await received(server, "playhead", 2)
-    assert {report.playhead.frame for report in reports} == {0}, "it does not fall silent until it is resumed"
+    assert {report.playhead.frame for report in reports} == {0}, "it reports again although it is paused"
     await session.resume()
-    assert session.is_reporting, "the server counts on from what it was told"
+    assert session.is_reporting, "it reports, so that the server knows its playhead"
 
 
-async def test_a_session_that_is_closed_ends_though_the_line_is_lost_before_the_answer(
+async def test_close_ends_the_session_if_the_connection_is_lost_before_the_answer(
     client: MotionClient, server: FakeServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     session = await client.open("a person walks")
@@ -141,13 +139,13 @@ async def test_a_session_that_is_closed_ends_though_the_line_is_lost_before_the_
     assert await session.close() == end
 
 
-async def test_a_session_opened_anew_goes_back_to_frames_of_before_by_the_frames_themselves(
+async def test_reopened_session_seeks_earlier_frames_by_sending_them(
     client: MotionClient, server: FakeServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     session = await client.open("a person walks")
     async for _ in session.frames(seconds=0.4, realtime=False):
         pass
-    monkeypatch.setattr(server.stream, "replan", lambda event: None)  # it has no answer when the line is lost
+    monkeypatch.setattr(server.stream, "replan", lambda event: None)  # it is unanswered when the connection is lost
     waiting = session.seek(20)
     await received(server, "seek")
     server.stream.end()
@@ -162,7 +160,7 @@ async def test_a_session_opened_anew_goes_back_to_frames_of_before_by_the_frames
     assert (await received(server, "seek", 3))[-1].seek == session_pb2.Seek(frame=5)
 
 
-async def test_what_was_met_already_is_not_asked_for_anew(client: MotionClient, server: FakeServer) -> None:
+async def test_reopened_session_is_not_sent_constraints_already_met(client: MotionClient, server: FakeServer) -> None:
     session = await client.open("a person walks")
     edits = [session.add_waypoint(1, 2, frame=500, last_frame=9000), session.add_waypoint(3, 4, frame=9000)]
     met, open_still = [(await edit, edit.constraint_ids[0])[1] for edit in edits]
@@ -175,7 +173,7 @@ async def test_what_was_met_already_is_not_asked_for_anew(client: MotionClient, 
     assert [each.constraint_id for each in opening.constraints] == [open_still]
 
 
-async def test_a_prompt_for_a_while_goes_by_itself_in_a_session_opened_anew_too(
+async def test_reopened_session_does_not_remove_a_prompt_that_ended_by_itself(
     client: MotionClient, server: FakeServer
 ) -> None:
     session = await client.open("a person walks")
@@ -192,7 +190,7 @@ async def test_a_prompt_for_a_while_goes_by_itself_in_a_session_opened_anew_too(
     assert not sent.edit_prompts.remove, "a server refuses an edit that removes what has ended"
 
 
-async def test_what_a_session_opened_anew_was_opened_with_is_told_in_frames_of_the_application(
+async def test_placements_of_a_reopened_session_are_in_frames_of_the_application(
     client: MotionClient, server: FakeServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     push = FakeStream.push

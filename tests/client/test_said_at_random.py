@@ -1,4 +1,4 @@
-"""Targets set, replaced and dropped in random orders, with lines lost between: nobody waits for what nobody has."""
+"""Targets set, replaced and removed in random orders, with lost connections: no caller waits for one that is gone."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PASSED = 9  # FAILED_PRECONDITION
 
 @dataclass
 class Served:
-    """A session as one server has it: the targets by id, with their frames, and what was answered."""
+    """A session as one server has it: the frames of its targets by id, outcomes told, and answers given."""
 
     last_seq: int = 1
     targets: dict[int, int] = field(default_factory=dict)
@@ -29,14 +29,14 @@ class Served:
     answers: list[session_pb2.SessionUpdate] = field(default_factory=list)
     num_plans: int = 0
 
-    def take(self, event: session_pb2.SessionEvent, is_lucky: bool) -> None:
-        """Answer an edit, but for what was answered before."""
+    def take(self, event: session_pb2.SessionEvent, is_accepted: bool) -> None:
+        """Answer an edit, unless it was answered before."""
         if event.event_seq <= self.last_seq:
             return
         assert event.event_seq == self.last_seq + 1, "a server refuses a gap"
         self.last_seq += 1
         edit = event.edit_constraints
-        if not is_lucky or any(key not in self.targets for key in edit.remove):
+        if not is_accepted or any(key not in self.targets for key in edit.remove):
             self.answers.append(answer(event.event_seq, code=PASSED, reason="NO_LUCK"))
             return
         for key in edit.remove:
@@ -46,7 +46,7 @@ class Served:
 
 
 class World:
-    """A session, the line and the server; what is under way between them may be lost."""
+    """A session, its connection and the server; updates under way between them may be lost."""
 
     def __init__(self, session: Session, line: Line, random: Random) -> None:
         self.session, self.line, self.random = session, line, random
@@ -58,7 +58,7 @@ class World:
         self.dropped: set[int] = set()
 
     def say(self) -> None:
-        """Tell the session of targets, as its application does; it takes none of the past once it was opened anew."""
+        """Edit targets as an application does; a reopened session refuses frames of the past."""
         with contextlib.suppress(InvalidInput):
             self.say_something()
 
@@ -81,7 +81,7 @@ class World:
         self.waiting += [(key, asyncio.ensure_future(session.constraint_reached(key))) for key in ids]
 
     def hear(self) -> None:
-        """The server takes what has come to it, and answers."""
+        """The server handles the events that it has received, and answers."""
         for event in self.line.said[self.num_heard :]:
             if event.HasField("edit_constraints"):
                 self.served.take(event, self.random.random() < 0.9)
@@ -89,14 +89,14 @@ class World:
         self.num_heard = len(self.line.said)
 
     def deliver(self) -> None:
-        """The session hears what is under way, or some of it."""
+        """The session receives some or all of the updates under way."""
         count = self.random.randrange(len(self.under_way) + 1)
         for update in self.under_way[:count]:
             self.session.hear(update)
         del self.under_way[:count]
 
     def go_on(self) -> None:
-        """Frames come, are shown, and their targets are met."""
+        """Frames come and are shown, and their targets are reached."""
         self.hear()
         while self.under_way:
             self.deliver()
@@ -113,7 +113,7 @@ class World:
             self.under_way.append(told(key, frame))
 
     def lose(self) -> None:
-        """The line is lost, with what is under way; the next server has the session, or not."""
+        """Lose the connection, with the updates under way; the next server has kept the session or not."""
         if self.random.random() < 0.5:
             self.hear()
         self.under_way.clear()
@@ -135,7 +135,7 @@ class World:
 
 
 @pytest.mark.parametrize("seed", range(60))
-async def test_every_target_is_at_the_server_or_told_of(seed: int) -> None:
+async def test_every_awaited_target_is_at_the_server_or_has_an_outcome(seed: int) -> None:
     line = Line()
     session = await open_session(line)
     world = World(session, line, Random(seed))
@@ -150,7 +150,7 @@ async def test_every_target_is_at_the_server_or_told_of(seed: int) -> None:
     for _ in range(3):
         await asyncio.sleep(0)
     nowhere = {key for key, task in world.waiting if not task.done()} - set(world.served.targets) - world.dropped
-    assert nowhere == set(), "nobody will tell of them"
+    assert nowhere == set(), "no server will report them"
     for key in set(world.served.targets) - world.dropped:
         asking = asyncio.ensure_future(session.constraint_reached(key))
         await asyncio.sleep(0)

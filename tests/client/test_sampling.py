@@ -1,4 +1,4 @@
-"""Between frames: shortest turns at an even pace, jumps that fade, and a pace of one's own."""
+"""Poses between frames: shortest rotations at an even pace, jumps that fade, and time scales."""
 
 from __future__ import annotations
 
@@ -30,7 +30,9 @@ def angle_rad(first: np.ndarray, second: np.ndarray) -> float:
 
 @settings(deadline=None)
 @given(UNIT, UNIT, st.floats(0, 1))
-def test_a_turn_between_is_the_share_of_the_shortest_one(one: list[float], other: list[float], share: float) -> None:
+def test_slerp_turns_by_the_given_share_of_the_shortest_rotation(
+    one: list[float], other: list[float], share: float
+) -> None:
     first, second = unit(one), unit(other)
     mixed = slerp(first, second, share)
     assert np.linalg.norm(mixed) == pytest.approx(1, abs=1e-5)
@@ -41,14 +43,14 @@ def test_a_turn_between_is_the_share_of_the_shortest_one(one: list[float], other
 
 @settings(deadline=None)
 @given(UNIT, UNIT)
-def test_products_are_those_of_matrices(one: list[float], other: list[float]) -> None:
+def test_quaternion_product_equals_the_matrix_product(one: list[float], other: list[float]) -> None:
     first, second = unit(one), unit(other)
     matrices = quaternion_to_matrix(first) @ quaternion_to_matrix(second)
     assert quaternion_to_matrix(product(first, second)) == pytest.approx(matrices, abs=1e-5)
     assert abs(product(first, inverse(first))[0]) == pytest.approx(1, abs=1e-5)
 
 
-def test_the_root_moves_in_a_line_and_contacts_are_those_of_the_nearer_frame(stick_rig: Rig) -> None:
+def test_root_is_interpolated_linearly_and_contacts_are_of_the_nearer_frame(stick_rig: Rig) -> None:
     earlier, later = synthetic_rows(1, 4, 2)
     later[-4:] = 1
     row = between_rows(stick_rig, earlier, later, 0.25)
@@ -66,7 +68,7 @@ def playback(stick_rig: Rig) -> Playback:
     return playback
 
 
-def test_motion_is_even_between_frames(stick_rig: Rig, playback: Playback) -> None:
+def test_sampled_motion_is_even_between_frames(stick_rig: Rig, playback: Playback) -> None:
     sampler, depths = Sampler(stick_rig, playback), []
     for tick in range(40):
         playback.advance(tick / 100)
@@ -74,23 +76,23 @@ def test_motion_is_even_between_frames(stick_rig: Rig, playback: Playback) -> No
     assert depths == pytest.approx([0.05 * tick / 5 for tick in range(40)], abs=1e-5)
 
 
-def test_a_replan_under_way_fades_in(stick_rig: Rig, playback: Playback) -> None:
+def test_replan_fades_in_from_the_pose_shown(stick_rig: Rig, playback: Playback) -> None:
     sampler = Sampler(stick_rig, playback, blend_s=0.1)
     playback.advance(0.02)
     before = sampler.row(0.02)[1]
     playback.announce_plan(2, 1)
-    playback.add_chunk(2, 1, synthetic_rows(9, 1, 9), 0)  # a metre is a plan: eight metres away
+    playback.add_chunk(2, 1, synthetic_rows(9, 1, 9), 0)  # x is the plan's number: eight metres away
     seen = []
     for tick in range(2, 16):
         playback.advance(tick / 100)
         seen.append(sampler.row(tick / 100)[1][0])
-    assert seen[0] == pytest.approx(before[0], abs=1e-4), "it begins where it was"
+    assert seen[0] == pytest.approx(before[0], abs=1e-4), "it begins at the pose shown before"
     assert max(np.diff(seen)) < 2.0
     assert seen[-1] == pytest.approx(9, abs=1e-4)
     assert sorted(seen) == seen
 
 
-def test_a_cut_is_neither_faded_nor_slid_over(stick_rig: Rig, playback: Playback) -> None:
+def test_cut_is_not_interpolated_and_is_forgotten_when_replaced(stick_rig: Rig, playback: Playback) -> None:
     sampler = Sampler(stick_rig, playback, blend_s=0.1)
     before = sampler.row(0.0)[1]
     playback.announce_plan(2, 2, is_cut=True)
@@ -104,23 +106,23 @@ def test_a_cut_is_neither_faded_nor_slid_over(stick_rig: Rig, playback: Playback
     assert (playback.cut_before(3), playback.cut_before(2)) == (2, None)
     playback.announce_plan(3, 8, is_cut=True)
     playback.announce_plan(4, 8)
-    assert playback.cut_before(9) == 2, "another plan has taken the place of the one that was not shown"
+    assert playback.cut_before(9) == 2, "a later plan has replaced the cut not yet shown"
 
 
-def test_after_a_wait_the_pose_does_not_jump(stick_rig: Rig, playback: Playback) -> None:
+def test_pose_does_not_jump_after_an_underrun(stick_rig: Rig, playback: Playback) -> None:
     sampler = Sampler(stick_rig, playback, blend_s=0.1)
     for tick in range(70):
         playback.advance(tick / 100)
         last = sampler.row(tick / 100)[1]
     assert playback.underruns > 0
     rows = synthetic_rows(1, 10, 20)
-    rows[:, 0] += 4  # what comes after the wait lies elsewhere
+    rows[:, 0] += 4  # the frames after the underrun are elsewhere
     playback.add_chunk(1, 10, rows, 0)
     playback.advance(0.7)
     assert sampler.row(0.7)[1][:3] == pytest.approx(last[:3], abs=0.06)
 
 
-def test_a_time_scale_is_a_pace(playback: Playback) -> None:
+def test_time_scale_sets_the_pace_and_must_be_above_0_and_finite(playback: Playback) -> None:
     playback.set_time_scale(0.5)
     playback.advance(0.0)
     playback.advance(0.45)
@@ -130,7 +132,7 @@ def test_a_time_scale_is_a_pace(playback: Playback) -> None:
             playback.set_time_scale(wrong)
 
 
-async def test_a_session_is_sampled_at_the_moment(clock: ManualClock, client: MotionClient) -> None:
+async def test_sample_is_of_the_current_moment(clock: ManualClock, client: MotionClient) -> None:
     session = await client.open("a person walks")
     await until(lambda: session.playback.buffered_to > 10)
     assert (await until(session.sample)).index == 0

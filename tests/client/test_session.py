@@ -1,4 +1,4 @@
-"""Async sessions against the fake server: opening, frames, playing, the end."""
+"""Asynchronous sessions with the fake server: opening, frames, playback, the end."""
 
 from __future__ import annotations
 
@@ -23,9 +23,7 @@ from tests.client.synthetic import HORIZON
 from tests.client.waiting import collect, play, received, until
 
 
-async def test_open_sends_what_was_asked_and_tells_what_the_server_chose(
-    client: MotionClient, server: FakeServer
-) -> None:
+async def test_open_sends_the_options_and_returns_the_servers_choices(client: MotionClient, server: FakeServer) -> None:
     options = SessionOptions(seed=11, priority=Priority.HERO, start=StartPose(1, 2, 0.5), text_guidance=1.5)
     session = await client.open(
         "a person walks", later_prompts={60: "a person runs"}, options=options, constraints=[Waypoint(50, 1, 2)]
@@ -45,7 +43,7 @@ async def test_open_sends_what_was_asked_and_tells_what_the_server_chose(
     assert server.stream.agent.startswith("motiongen-python/")
 
 
-async def test_frames_come_once_each_in_order_in_real_time(client: MotionClient) -> None:
+async def test_frames_in_real_time_are_yielded_once_each_in_order(client: MotionClient) -> None:
     session = await client.open("a person walks")
     frames = [frame async for frame in session.frames(seconds=1)]
     assert [frame.index for frame in frames] == list(range(100))
@@ -54,7 +52,7 @@ async def test_frames_come_once_each_in_order_in_real_time(client: MotionClient)
     assert session.stats.first_frame_s is not None
 
 
-async def test_frames_come_as_fast_as_they_are_made_when_asked(client: MotionClient) -> None:
+async def test_frames_not_in_real_time_are_all_yielded_without_underruns(client: MotionClient) -> None:
     session = await client.open("a person walks", keep_s=None)
     frames = [frame.index async for frame in session.frames(seconds=6, realtime=False)]
     assert frames == list(range(600))
@@ -62,7 +60,9 @@ async def test_frames_come_as_fast_as_they_are_made_when_asked(client: MotionCli
     assert len(session.motion()) == 600
 
 
-async def test_playheads_are_reported(clock: ManualClock, client: MotionClient, server: FakeServer) -> None:
+async def test_playheads_are_reported_in_order_without_event_numbers(
+    clock: ManualClock, client: MotionClient, server: FakeServer
+) -> None:
     session = await client.open("a person walks")
     clock.advance(0.3)
     async for _ in play(session, clock, 0.6):
@@ -74,7 +74,7 @@ async def test_playheads_are_reported(clock: ManualClock, client: MotionClient, 
     assert reports[-1].playhead.buffered_to > reports[-1].playhead.frame
 
 
-async def test_a_refused_open_raises_and_leaves_the_stream_alive(client: MotionClient, server: FakeServer) -> None:
+async def test_refused_open_raises_and_the_stream_is_used_again(client: MotionClient, server: FakeServer) -> None:
     server.refuse = lambda event: "UNKNOWN_MODEL" if event.open.model_id == "none" else ""
     with pytest.raises(EventRefused, match="opening a session was refused with UNKNOWN_MODEL"):
         await client.open("a person walks", options=SessionOptions(model_id="none"))
@@ -83,7 +83,7 @@ async def test_a_refused_open_raises_and_leaves_the_stream_alive(client: MotionC
     assert len(server.streams) == 1
 
 
-async def test_pause_holds_the_frame_and_resume_goes_on(clock: ManualClock, client: MotionClient) -> None:
+async def test_pause_holds_the_frame_and_resume_continues_after_it(clock: ManualClock, client: MotionClient) -> None:
     session = await client.open("a person walks")
     assert [frame.index async for frame in play(session, clock, 0.1)] == list(range(10))
     outcome = await session.pause()
@@ -95,13 +95,13 @@ async def test_pause_holds_the_frame_and_resume_goes_on(clock: ManualClock, clie
     assert still is not None
     assert held.index == still.index
     await session.resume()
-    session.poll()  # the next is due one frame time after this
+    session.poll()  # the next frame is due one frame time after this
     clock.advance(0.01)
     later = [frame.index async for frame in play(session, clock, 0.1)]
     assert later == list(range(held.index + 1, held.index + 11))
 
 
-async def test_poll_gives_the_frame_of_now(clock: ManualClock, client: MotionClient) -> None:
+async def test_poll_returns_the_frame_due_now(clock: ManualClock, client: MotionClient) -> None:
     session = await client.open("a person walks")
     first = await until(session.poll)
     await until(lambda: session.playback.buffered_to > 5)
@@ -111,7 +111,9 @@ async def test_poll_gives_the_frame_of_now(clock: ManualClock, client: MotionCli
     assert (first.index, later.index) == (0, 5)
 
 
-async def test_frames_that_a_late_reader_has_not_taken_are_not_lost(clock: ManualClock, client: MotionClient) -> None:
+async def test_frames_that_a_late_reader_left_are_yielded_by_the_next_generator(
+    clock: ManualClock, client: MotionClient
+) -> None:
     session = await client.open("a person walks")
     await until(lambda: session.playback.buffered_to > 30)
     frames = session.frames()
@@ -123,15 +125,13 @@ async def test_frames_that_a_late_reader_has_not_taken_are_not_lost(clock: Manua
     assert (await anext(session.frames())).index == 8
 
 
-async def test_a_reader_that_is_always_late_is_given_frames_without_a_wait(
-    clock: ManualClock, client: MotionClient
-) -> None:
+async def test_reader_that_is_always_late_gets_frames_without_waiting(clock: ManualClock, client: MotionClient) -> None:
     session = await client.open("a person walks")
     await until(lambda: session.playback.buffered_to > 30)
     taken = []
     async for frame in session.frames(seconds=0.3):
         taken.append(frame.index)
-        clock.advance(0.01)  # the next is due before it is asked for, and nothing else moves the clock
+        clock.advance(0.01)  # the next frame is due before it is requested; nothing else advances the clock
     assert taken == list(range(30))
     assert session.stats.underruns == 0
 
@@ -148,7 +148,7 @@ async def test_closing_ends_frames_and_returns_the_same_end_again(client: Motion
         session.set_prompt("too late")
 
 
-async def test_a_session_the_server_ends_plays_what_is_left_then_raises(
+async def test_session_ended_by_the_server_plays_its_frames_then_raises(
     client: MotionClient, server: FakeServer
 ) -> None:
     session = await client.open("a person walks")
@@ -163,7 +163,7 @@ async def test_a_session_the_server_ends_plays_what_is_left_then_raises(
     assert [frame.index async for frame in other.frames(seconds=0.05)]
 
 
-async def test_a_change_of_service_is_told(client: MotionClient, server: FakeServer) -> None:
+async def test_change_of_service_level_is_called_back(client: MotionClient, server: FakeServer) -> None:
     session = await client.open("a person walks")
     assert session.service_level == ServiceLevel("full", 4)
     told: asyncio.Queue[ServiceLevel] = asyncio.Queue()
@@ -175,14 +175,14 @@ async def test_a_change_of_service_is_told(client: MotionClient, server: FakeSer
     assert await told.get() == ServiceLevel("unspecified", 0)
 
 
-async def test_an_end_for_overload_is_named(client: MotionClient, server: FakeServer) -> None:
+async def test_session_closed_for_overload_raises_with_that_reason(client: MotionClient, server: FakeServer) -> None:
     session = await client.open("a person walks")
     server.stream.push(session.handle, closed=session_pb2.SessionClosed(reason=session_pb2.CLOSE_REASON_OVERLOAD))
     with pytest.raises(SessionEnded, match="overload"):
         await collect(session.frames())
 
 
-async def test_one_who_is_late_gets_every_frame_even_if_none_is_kept(clock: ManualClock, client: MotionClient) -> None:
+async def test_late_reader_gets_every_frame_even_if_none_is_kept(clock: ManualClock, client: MotionClient) -> None:
     session = await client.open("a person walks", keep_s=0)
     await until(lambda: session.playback.buffered_to > 6)
     shown = []

@@ -1,4 +1,4 @@
-"""Edits of a session: what is sent, what comes back, and what a refusal says."""
+"""Edits of a session: what is sent, which outcomes come back, and what a refusal says."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.client.fake_server import FakeServer
 from tests.client.waiting import play, received
 
 
-async def test_a_new_prompt_replaces_what_was_not_played_and_says_from_where(
+async def test_new_prompt_replaces_frames_from_its_effective_frame_on(
     clock: ManualClock, client: MotionClient, server: FakeServer
 ) -> None:
     session = await client.open("a person walks", keep_s=None)
@@ -40,7 +40,7 @@ async def test_a_new_prompt_replaces_what_was_not_played_and_says_from_where(
     assert server.stream.characters[session.handle].prompts == {1: "a person runs"}
 
 
-async def test_scheduled_prompts_that_have_passed_make_room(client: MotionClient, server: FakeServer) -> None:
+async def test_prompts_that_have_passed_are_removed_by_the_next_edit(client: MotionClient, server: FakeServer) -> None:
     session = await client.open("one")
     for frame, text in ((20, "two"), (40, "three")):
         await session.set_prompt(text, frame=frame)
@@ -53,7 +53,7 @@ async def test_scheduled_prompts_that_have_passed_make_room(client: MotionClient
 
 
 @pytest.mark.parametrize("reason", ["PROMPT_TOO_LONG", "UNKNOWN_PROMPT"])
-async def test_prompts_that_a_refused_edit_was_to_drop_are_dropped_by_the_next(
+async def test_removals_of_a_refused_prompt_edit_are_repeated_unless_unknown(
     client: MotionClient, server: FakeServer, reason: str
 ) -> None:
     session = await client.open("one")
@@ -86,7 +86,7 @@ async def test_constraints_are_added_replaced_and_removed_by_id(client: MotionCl
     assert character.constraint_ids == set()
 
 
-async def test_a_refusal_raises_where_awaited_and_the_session_goes_on(
+async def test_awaited_refusal_raises_without_a_log_line_and_the_session_continues(
     client: MotionClient, server: FakeServer, caplog: pytest.LogCaptureFixture
 ) -> None:
     server.refuse = lambda event: "BLANK_PROMPT" if event.WhichOneof("event") == "edit_prompts" else ""
@@ -95,11 +95,11 @@ async def test_a_refusal_raises_where_awaited_and_the_session_goes_on(
         await session.set_prompt("  ")
     assert (refusal.value.code, refusal.value.field) == ("INVALID_ARGUMENT", "edit_prompts.x")
     assert refusal.value.allowed == "other things"
-    assert caplog.text == "", "who awaits it has been told"
+    assert caplog.text == "", "the caller that awaits it gets the exception"
     assert len([frame async for frame in session.frames(seconds=0.2)]) == 20
 
 
-async def test_a_refusal_that_nobody_awaits_is_logged(
+async def test_refusal_of_an_edit_that_is_not_awaited_is_logged(
     client: MotionClient, server: FakeServer, caplog: pytest.LogCaptureFixture
 ) -> None:
     server.refuse = lambda event: "BLANK_PROMPT" if event.WhichOneof("event") == "edit_prompts" else ""
@@ -111,7 +111,7 @@ async def test_a_refusal_that_nobody_awaits_is_logged(
     assert "the prompt '  ' was refused with BLANK_PROMPT" in caplog.text
 
 
-async def test_a_velocity_is_sent_in_metres_a_second_and_frames(client: MotionClient, server: FakeServer) -> None:
+async def test_velocity_is_sent_in_metres_per_second_and_frames(client: MotionClient, server: FakeServer) -> None:
     session = await client.open("a person walks")
     outcome = await session.set_velocity(1.5, -0.5, seconds=0.25, heading_rad=0.0)
     (event,) = await received(server, "set_velocity")
@@ -124,7 +124,9 @@ async def test_a_velocity_is_sent_in_metres_a_second_and_frames(client: MotionCl
 
 
 @pytest.mark.parametrize("wrong", [{"x_mps": math.nan}, {"z_mps": math.inf}, {"seconds": math.nan}])
-async def test_a_velocity_that_is_no_number_is_refused_here(client: MotionClient, wrong: dict[str, float]) -> None:
+async def test_velocity_that_is_not_finite_or_too_long_is_refused_by_the_client(
+    client: MotionClient, wrong: dict[str, float]
+) -> None:
     session = await client.open("a person walks")
     with pytest.raises(InvalidInput, match="finite"):
         session.set_velocity(**{"x_mps": 0.0, "z_mps": 0.0, **wrong})
@@ -132,7 +134,7 @@ async def test_a_velocity_that_is_no_number_is_refused_here(client: MotionClient
         session.set_velocity(0.0, 0.0, seconds=1e12)
 
 
-async def test_a_refusal_says_when_to_ask_again(client: MotionClient, server: FakeServer) -> None:
+async def test_refusal_says_when_to_retry(client: MotionClient, server: FakeServer) -> None:
     session = await client.open("a person walks")
     refusal = session_pb2.EditOutcome(event_seq=2, code=8, reason="OVERLOADED", message="full")
     refusal.retry_after.FromMilliseconds(1500)
@@ -149,7 +151,7 @@ async def test_a_refusal_says_when_to_ask_again(client: MotionClient, server: Fa
     assert refused.value.retry_after_s == 1.5
 
 
-async def test_what_was_refused_is_named_in_the_singular(client: MotionClient, server: FakeServer) -> None:
+async def test_refusal_names_the_edit_in_the_singular(client: MotionClient, server: FakeServer) -> None:
     session = await client.open("one")
     server.refuse = lambda _: "OVERLOADED"  # type: ignore[method-assign]
     for edit, name in (
@@ -161,7 +163,7 @@ async def test_what_was_refused_is_named_in_the_singular(client: MotionClient, s
             await edit
 
 
-async def test_an_edit_beyond_everything_planned_is_timed_by_its_effective_frame(
+async def test_latency_of_an_edit_beyond_the_plan_is_known_at_its_effective_frame(
     client: MotionClient, server: FakeServer
 ) -> None:
     session = await client.open("a person walks")
@@ -182,7 +184,7 @@ async def test_an_edit_beyond_everything_planned_is_timed_by_its_effective_frame
     assert edit.latency_s is not None
 
 
-async def test_a_prompt_can_be_for_a_while_moved_and_removed(client: MotionClient, server: FakeServer) -> None:
+async def test_prompt_with_an_end_can_be_moved_and_removed(client: MotionClient, server: FakeServer) -> None:
     session = await client.open("one")
     wave = session.set_prompt("wave", frame=40, end_frame=60)
     await wave
@@ -197,9 +199,7 @@ async def test_a_prompt_can_be_for_a_while_moved_and_removed(client: MotionClien
     assert list(sent[2].remove) == [2]
 
 
-async def test_a_prompt_for_a_while_is_not_removed_by_the_next_since_it_goes_by_itself(
-    client: MotionClient, server: FakeServer
-) -> None:
+async def test_prompt_that_ended_by_itself_is_not_removed_by_the_next(client: MotionClient, server: FakeServer) -> None:
     session = await client.open("one")
     await session.set_prompt("for a while", end_frame=10)
     async for _ in session.frames(seconds=0.2):
@@ -208,7 +208,7 @@ async def test_a_prompt_for_a_while_is_not_removed_by_the_next_since_it_goes_by_
     assert [list(event.edit_prompts.remove) for event in await received(server, "edit_prompts", 2)] == [[], []]
 
 
-async def test_prompts_that_cannot_be_are_refused_here(client: MotionClient) -> None:
+async def test_invalid_prompt_frames_and_unknown_ids_are_refused_by_the_client(client: MotionClient) -> None:
     session = await client.open("one")
     with pytest.raises(InvalidInput, match="later_prompts"):
         await client.open("one", later_prompts={-1: "two"})
@@ -222,7 +222,7 @@ async def test_prompts_that_cannot_be_are_refused_here(client: MotionClient) -> 
         session.replace_constraint(3, Waypoint(50, 0, 0))
 
 
-async def test_a_constraint_is_replaced_by_its_id(client: MotionClient, server: FakeServer) -> None:
+async def test_constraint_is_replaced_by_its_id(client: MotionClient, server: FakeServer) -> None:
     session = await client.open("one")
     (key,) = session.add_waypoint(1, 2, frame=30).constraint_ids
     edit = session.replace_constraint(key, Waypoint(50, 3, 4))
@@ -233,7 +233,7 @@ async def test_a_constraint_is_replaced_by_its_id(client: MotionClient, server: 
     assert sent[1].edit_constraints.upsert[0].frame == 50
 
 
-async def test_a_session_says_whether_it_is_paused(client: MotionClient) -> None:
+async def test_is_paused_follows_pause_and_resume(client: MotionClient) -> None:
     session = await client.open("one")
     assert not session.is_paused
     await session.pause()
@@ -242,7 +242,7 @@ async def test_a_session_says_whether_it_is_paused(client: MotionClient) -> None
     assert not session.is_paused
 
 
-async def test_going_back_is_said_by_the_number_of_the_frame(client: MotionClient, server: FakeServer) -> None:
+async def test_seek_is_sent_with_the_frame_and_frame_0_is_refused(client: MotionClient, server: FakeServer) -> None:
     session = await client.open("a person walks")
     assert (await session.seek(6)).effective_frame is not None
     (sent,) = await received(server, "seek")

@@ -1,4 +1,4 @@
-"""Sticks and drawn lines: seen by the camera, bounded, and no farther off than is said."""
+"""Sticks relative to the camera, and corners of drawn lines within a given distance."""
 
 from __future__ import annotations
 
@@ -23,29 +23,29 @@ from motiongen_client import InvalidInput, camera_relative, drawn_corners, stick
         (0.1, 0.1, 0.0, (0.0, 0.0)),
     ],
 )
-def test_a_stick_is_seen_by_the_camera(
+def test_stick_velocity_is_relative_to_the_camera(
     right: float, forward: float, camera: float, velocity: tuple[float, float]
 ) -> None:
     assert stick_velocity(right, forward, camera_heading_rad=camera, speed_mps=2.0) == pytest.approx(velocity, abs=1e-9)
 
 
-def test_speed_begins_at_nothing_beyond_the_dead_zone() -> None:
+def test_speed_rises_from_zero_beyond_the_dead_zone() -> None:
     assert math.hypot(*stick_velocity(0.151, 0.0)) < 0.01
 
 
 @pytest.mark.parametrize("wrong", [{"right": math.nan}, {"dead_zone": 1.0}, {"camera_heading_rad": math.inf}])
-def test_a_stick_that_cannot_be_is_refused(wrong: dict[str, float]) -> None:
+def test_invalid_stick_values_are_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(InvalidInput, match=next(iter(wrong))):
         stick_velocity(**{"right": 0.0, "forward": 1.0, **wrong})
 
 
-def test_a_place_is_seen_by_the_camera_too() -> None:
+def test_place_is_relative_to_the_camera() -> None:
     assert camera_relative(1.0, 2.0, math.pi / 2) == pytest.approx((2.0, 1.0))
 
 
 @settings(deadline=None)
 @given(st.lists(st.tuples(st.floats(-9, 9), st.floats(-9, 9)), min_size=1, max_size=40), st.floats(0.05, 2.0))
-def test_no_point_of_a_drawn_line_is_farther_off_than_is_said(
+def test_no_drawn_point_is_farther_from_the_corners_than_allowed(
     drawn: list[tuple[float, float]], within_m: float
 ) -> None:
     points = np.array(drawn, np.float32)
@@ -59,12 +59,12 @@ def test_no_point_of_a_drawn_line_is_farther_off_than_is_said(
     assert np.hypot(*np.moveaxis(off, -1, 0)).min(axis=1).max() <= within_m + 1e-5
 
 
-def test_a_line_of_many_corners_has_as_many_as_a_path_may() -> None:
+def test_drawn_corners_are_at_most_as_many_as_a_path_may_have() -> None:
     zigzag = np.stack([np.arange(2000) * 0.2, np.arange(2000) % 2 * 0.5], axis=1)
     assert 2 <= len(drawn_corners(zigzag)) <= 256
 
 
 @pytest.mark.parametrize("points", [np.zeros((0, 2)), [[0.0, math.nan]]])
-def test_a_line_that_cannot_be_is_refused(points: np.ndarray) -> None:
+def test_invalid_drawn_points_are_refused(points: np.ndarray) -> None:
     with pytest.raises(InvalidInput, match="points_m"):
         drawn_corners(points)

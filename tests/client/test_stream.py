@@ -1,4 +1,4 @@
-"""The stream that sessions share: connecting, messages, the round trip, and what a broken server does to it."""
+"""The stream that sessions share: connecting, messages, the round trip, and servers that break the rules."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tests.client.fake_server import FakeServer
 from tests.client.waiting import collect, until
 
 
-async def test_the_catalogue_is_there_once_connected(client: MotionClient) -> None:
+async def test_catalogue_is_known_once_connected(client: MotionClient) -> None:
     assert client.catalog.models[0].model_id == "synthetic"
     assert client.catalog.rig("stick9").joint_names[0] == "Hips"
 
@@ -42,14 +42,12 @@ async def test_many_sessions_share_one_call(client: MotionClient, server: FakeSe
 
 
 @pytest.mark.parametrize("code", [grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.INTERNAL])
-async def test_a_stream_that_is_lost_for_good_is_told_to_every_session_and_edit(
-    server: FakeServer, code: grpc.StatusCode
-) -> None:
+async def test_stream_lost_for_good_raises_in_every_session_and_edit(server: FakeServer, code: grpc.StatusCode) -> None:
     async with MotionClient(server.address, policy=LinePolicy(recover_s=0)) as client:
-        await check_that_a_loss_is_told(client, server, code)
+        await check_that_a_loss_is_raised(client, server, code)
 
 
-async def check_that_a_loss_is_told(client: MotionClient, server: FakeServer, code: grpc.StatusCode) -> None:
+async def check_that_a_loss_is_raised(client: MotionClient, server: FakeServer, code: grpc.StatusCode) -> None:
     one, two = await client.open("one"), await client.open("two")
     server.refuse = lambda event: server.stream.fail(code) or ""  # type: ignore[func-returns-value]
     with pytest.raises(StreamLost, match=f"{code.name}: as the test wished"):
@@ -58,12 +56,12 @@ async def check_that_a_loss_is_told(client: MotionClient, server: FakeServer, co
         await collect(one.frames())
     with pytest.raises(StreamLost):
         await collect(two.frames(realtime=False))
-    assert two.playback.playhead == two.playback.buffered_to - 1, "what had come was played"
+    assert two.playback.playhead == two.playback.buffered_to - 1, "the frames received were played"
     with pytest.raises(StreamLost):
         one.set_prompt("again")
 
 
-async def test_a_server_that_breaks_the_rules_is_given_up(client: MotionClient, server: FakeServer) -> None:
+async def test_repeated_plan_number_raises_protocol_violation(client: MotionClient, server: FakeServer) -> None:
     session = await client.open("a person walks")
     notice = session_pb2.PlanNotice(plan=1, valid_from=0, cause=session_pb2.PLAN_CAUSE_EDIT)
     server.stream.push(session.handle, plan=notice)
@@ -72,39 +70,39 @@ async def test_a_server_that_breaks_the_rules_is_given_up(client: MotionClient, 
             pass
 
 
-async def test_updates_it_does_not_know_are_ignored(client: MotionClient, server: FakeServer) -> None:
+async def test_unknown_updates_and_sessions_are_ignored(client: MotionClient, server: FakeServer) -> None:
     session = await client.open("a person walks")
     server.stream.push(session.handle)
     server.stream.push(999, closed=session_pb2.SessionClosed())
     assert len([frame async for frame in session.frames(seconds=0.1)]) == 10
 
 
-async def test_an_event_too_big_for_a_message_is_refused_here(client: MotionClient) -> None:
+async def test_event_too_big_for_a_message_is_refused_and_takes_no_number(client: MotionClient) -> None:
     session = await client.open("a person walks")
     with pytest.raises(InvalidInput, match="at most 3686 bytes"):
         session.add_trajectory(np.zeros((1000, 2)), first_frame=10)
     assert (await session.set_prompt("still in order")).event_seq == 2
 
 
-async def test_a_full_send_queue_is_split_over_messages(client: MotionClient, server: FakeServer) -> None:
+async def test_edits_beyond_one_message_are_all_answered_in_order(client: MotionClient, server: FakeServer) -> None:
     session = await client.open("a person walks")
     edits = [session.set_prompt("x" * 90) for _ in range(200)]
     assert [(await edit).event_seq for edit in edits] == list(range(2, 202))
 
 
-async def test_no_server_is_said_with_the_address() -> None:
+async def test_failed_connect_names_the_address() -> None:
     with pytest.raises(ServerUnavailable, match=r"127\.0\.0\.1:1: no answer within 0\.2 s\. Is it running"):
         await MotionClient("127.0.0.1:1", connect_timeout_s=0.2).connect()
 
 
-async def test_no_server_over_tls_is_said_with_what_a_certificate_needs() -> None:
+async def test_failed_connect_over_tls_says_what_a_certificate_needs() -> None:
     client = MotionClient("127.0.0.1:1", credentials=grpc.ssl_channel_credentials(), connect_timeout_s=0.2)
     with pytest.raises(ServerUnavailable, match="its certificate must name this address"):
         await client.connect()
 
 
 @pytest.mark.parametrize("address", ["", "localhost", "localhost:", "localhost:0", "localhost:x", ":50051"])
-def test_an_address_that_is_none_is_refused(address: str) -> None:
+def test_invalid_address_is_refused(address: str) -> None:
     with pytest.raises(InvalidInput, match="host:port"):
         MotionClient(address)
 
@@ -115,16 +113,14 @@ async def test_report_rates_out_of_range_are_refused(client: MotionClient, repor
         client.stream(report_hz=report_hz)
 
 
-async def test_the_round_trip_is_measured(client: MotionClient) -> None:
+async def test_round_trip_is_measured(client: MotionClient) -> None:
     time = asyncio.get_running_loop().time
     began_s = time()
     async with client.stream() as stream:
         assert 0 < await until(lambda: stream.round_trip_s) <= time() - began_s
 
 
-async def test_the_round_trip_is_told_to_the_server_as_soon_as_it_is_known(
-    client: MotionClient, server: FakeServer
-) -> None:
+async def test_second_ping_reports_the_round_trip_to_the_server(client: MotionClient, server: FakeServer) -> None:
     time = asyncio.get_running_loop().time
     began_s = time()
     async with client.stream():
@@ -133,7 +129,9 @@ async def test_the_round_trip_is_told_to_the_server_as_soon_as_it_is_known(
     assert 0 < second.round_trip.ToTimedelta().total_seconds() <= time() - began_s
 
 
-async def test_frames_before_the_session_is_opened_break_the_rules(client: MotionClient, server: FakeServer) -> None:
+async def test_plan_before_the_session_is_opened_raises_protocol_violation(
+    client: MotionClient, server: FakeServer
+) -> None:
     def answer_with_a_plan(event: session_pb2.SessionEvent) -> str:
         server.stream.push(event.session, plan=session_pb2.PlanNotice(plan=1))
         return ""
@@ -143,7 +141,9 @@ async def test_frames_before_the_session_is_opened_break_the_rules(client: Motio
         await client.open("a person walks")
 
 
-async def test_a_rig_the_catalogue_does_not_have_breaks_the_rules(client: MotionClient, server: FakeServer) -> None:
+async def test_rig_missing_from_the_catalogue_raises_protocol_violation(
+    client: MotionClient, server: FakeServer
+) -> None:
     def open_on_another(event: session_pb2.SessionEvent) -> str:
         server.stream.push(event.session, opened=session_pb2.SessionOpened(rig_id="other"))
         return ""

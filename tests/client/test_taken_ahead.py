@@ -1,4 +1,4 @@
-"""Frames that are taken sooner than they would be shown: what is asked for then begins behind them, without a jump."""
+"""Frames taken sooner than they would be shown: later edits take effect after them, without a jump."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FPS = 100
 
 
 async def opened(client: MotionClient) -> Session:
-    """One that holds all frames that it gets without a report."""
+    """A session that holds all frames that it gets before its first report of a playhead."""
     session = await client.open("a person walks", keep_s=None)
     await until(lambda: session.playback.buffered_to == LOOKAHEAD)
     return session
@@ -27,8 +27,8 @@ async def take(session: Session, num_frames: int) -> None:
         pass
 
 
-async def begins_where_it_was_said(session: Session, edit: Edit) -> None:
-    """No frame that was taken was replaced, and the edit's plan is seen from its first frame on."""
+async def check_begins_at_effective_frame(session: Session, edit: Edit) -> None:
+    """No frame that was taken was replaced, and the edit's plan begins at its effective frame."""
     first = (await edit).effective_frame
     assert session.stats.late_plans == 0
     assert first is not None
@@ -37,7 +37,7 @@ async def begins_where_it_was_said(session: Session, edit: Edit) -> None:
 
 
 @pytest.mark.parametrize("num_taken", [LEAD + 10, LOOKAHEAD])
-async def test_what_is_asked_for_begins_behind_the_frames_that_were_taken(
+async def test_edit_takes_effect_after_the_frames_that_were_taken(
     client: MotionClient, server: FakeServer, num_taken: int
 ) -> None:
     session = await opened(client)
@@ -45,27 +45,27 @@ async def test_what_is_asked_for_begins_behind_the_frames_that_were_taken(
     edit = session.set_velocity(1, 0)
     await edit
     await take(session, LOOKAHEAD)
-    await begins_where_it_was_said(session, edit)
+    await check_begins_at_effective_frame(session, edit)
     told = [event.WhichOneof("event") for event in server.stream.received]
     assert told[told.index("set_velocity") - 1] == "playhead"
     assert server.stream.received[told.index("set_velocity") - 1].playhead.frame == num_taken - 1
 
 
-async def test_frames_that_an_unanswered_edit_may_replace_are_not_taken(client: MotionClient) -> None:
+async def test_frames_that_an_unanswered_edit_may_replace_are_not_yielded(client: MotionClient) -> None:
     session = await opened(client)
     await take(session, 20)
     edit = session.set_prompt("a person runs")
     await take(session, LOOKAHEAD)
     assert edit.done()
-    await begins_where_it_was_said(session, edit)
+    await check_begins_at_effective_frame(session, edit)
 
 
-async def test_who_plays_in_real_time_reports_no_more_for_an_edit(
+async def test_edits_during_real_time_playback_send_no_extra_reports(
     clock: ManualClock, client: MotionClient, server: FakeServer
 ) -> None:
     session = await opened(client)
     assert session.poll() is not None
-    await received(server, "playhead")  # of the first frame; the clock stands, so none follows of itself
+    await received(server, "playhead")  # of the first frame; the clock stands, so no report is due after it
     clock.advance(0.1)
     assert session.playback.playhead == 0
     frame = session.poll()

@@ -1,4 +1,4 @@
-"""What cannot be sent is refused where it is made, with what was given and what is allowed."""
+"""Values that cannot be sent are refused where they are made; the error says what was given and what is allowed."""
 
 from __future__ import annotations
 
@@ -55,17 +55,17 @@ from motiongen_client import (
         (lambda: StartPose(x_m=math.nan), "x_m"),
     ],
 )
-def test_refused(make: Callable[[], object], field: str) -> None:
+def test_invalid_values_are_refused_with_field_and_allowed_values(make: Callable[[], object], field: str) -> None:
     with pytest.raises(InvalidInput, match=rf"{field}.*was given; allowed is"):
         make()
 
 
-def test_lists_are_taken_for_arrays() -> None:
+def test_lists_are_converted_to_arrays() -> None:
     path = RootTrajectory(3, [[0, 1], [0, 2]])  # type: ignore[arg-type]
     assert path.positions_m.dtype == np.float32
 
 
-def test_a_motion_of_another_width_is_refused(stick_rig: Rig) -> None:
+def test_motion_of_a_wrong_width_is_refused(stick_rig: Rig) -> None:
     with pytest.raises(InvalidInput, match=r"\(frames, 43\)"):
         Motion(stick_rig, 0, np.zeros((2, 5), np.float32))
 
@@ -78,13 +78,13 @@ def test_frames_are_found_by_their_absolute_index(stick_rig: Rig, stick_motion: 
         later.frame(99)
 
 
-def test_an_unknown_joint_lists_those_there_are(stick_rig: Rig) -> None:
+def test_unknown_joint_error_lists_the_known_joints(stick_rig: Rig) -> None:
     assert stick_rig.index("Head") == 2
     with pytest.raises(UnknownName, match="LeftHand"):
         stick_rig.index("Tail")
 
 
-def test_what_is_printed_is_a_line(stick_motion: Motion) -> None:
+def test_repr_of_motion_frame_and_rig_is_one_short_line(stick_motion: Motion) -> None:
     assert repr(stick_motion) == "Motion(frames 0 to 39 of stick9, 2.00 s)"
     assert repr(stick_motion.frame(12)) == "Frame(12 of stick9, 0.60 s, root at 1.00 0.90 0.60 m)"
     assert repr(stick_motion.rig) == "Rig(stick9, 9 joints, 20 Hz)"

@@ -1,4 +1,4 @@
-"""A call that ends while something is written to it: what was said before is heard, and nothing is left of it."""
+"""A call that ends while the client writes to it: updates sent before are read, and no task is left."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from tests.waiting import until as wait_for
 ROUNDS = 8
 
 
-async def test_what_was_said_before_the_end_is_read_to_its_end(server: FakeServer) -> None:
-    """gRPC keeps a call with unread messages, and its connection; and where a write fails it says that all is over."""
+async def test_updates_sent_before_a_call_fails_are_all_read(server: FakeServer) -> None:
+    """gRPC keeps a call with unread messages, and its connection; it reports a failed write before they are read."""
     told: list[bool] = []
     async with MotionClient(server.address) as client:
         session = await client.open("a person walks")

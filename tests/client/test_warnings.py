@@ -1,4 +1,4 @@
-"""Warnings of what a model was not trained for: in answers and in the log."""
+"""Warnings about what a model was not trained for: in outcomes and in the log."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SAID = session_pb2.EventWarning(
 HEARD = ModelWarning("PROMPT_OUTSIDE_DOMAIN", "'jump' is outside", "open.prompts[0].text")
 
 
-def test_answers_carry_warnings() -> None:
+def test_outcomes_and_openings_carry_warnings() -> None:
     outcome = convert.outcome(session_pb2.EditOutcome(event_seq=3, warnings=[SAID]), "an edit")
     assert not isinstance(outcome, Exception)
     assert outcome.warnings == (HEARD,)
@@ -24,7 +24,7 @@ def test_answers_carry_warnings() -> None:
     assert convert.opened(session_pb2.SessionOpened()).warnings == ()
 
 
-def test_the_catalogue_says_what_a_model_knows() -> None:
+def test_catalogue_says_what_a_model_was_trained_for() -> None:
     model = service_pb2.Model(
         presets=[service_pb2.Preset(preset_id="walk", text="walk on", description="walks")],
         constraint_forms=[
@@ -45,7 +45,9 @@ def test_the_catalogue_says_what_a_model_knows() -> None:
     assert read.known_motions == ("walking",)
 
 
-async def test_an_edit_s_warnings_are_told_and_logged(server: FakeServer, caplog: pytest.LogCaptureFixture) -> None:
+async def test_warnings_of_an_edit_are_in_its_outcome_and_logged(
+    server: FakeServer, caplog: pytest.LogCaptureFixture
+) -> None:
     async with MotionClient(server.address) as client, await client.open("a person walks") as session:
         server.stream.warnings = [SAID]
         with caplog.at_level(logging.WARNING, "motiongen_client"):
@@ -57,7 +59,7 @@ async def test_an_edit_s_warnings_are_told_and_logged(server: FakeServer, caplog
         assert server.stream.received[-1].set_velocity.keep_prompt
 
 
-async def test_what_a_stick_is_warned_of_is_logged_once(server: FakeServer, caplog: pytest.LogCaptureFixture) -> None:
+async def test_repeated_warnings_are_logged_once_each(server: FakeServer, caplog: pytest.LogCaptureFixture) -> None:
     said = [
         session_pb2.EventWarning(reason="UNTRAINED_SPEED", message=f"too fast {way}", field="set_velocity")
         for way in ("left", "right")

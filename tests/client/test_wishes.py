@@ -1,4 +1,4 @@
-"""What a session was told, for one that is opened anew, and frames counted from elsewhere."""
+"""Wishes of a session, as they are sent to a reopened one, and events shifted to another first frame."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def constraints(*upsert: motion_pb2.Constraint, clear: bool = False) -> session_
     return session_pb2.SessionEvent(edit_constraints=session_pb2.EditConstraints(upsert=upsert, clear=clear))
 
 
-def test_a_prompt_that_has_begun_holds_from_the_beginning_and_one_that_has_ended_not_at_all() -> None:
+def test_shifted_prompts_start_at_0_once_begun_and_are_dropped_once_ended() -> None:
     moved = shifted(prompts(span(1, "now"), span(2, "then", 30, 90), span(3, "over", 0, 20)), 40)
     assert moved is not None
     assert [(each.text, each.start_frame, each.end_frame) for each in moved.edit_prompts.upsert] == [
@@ -38,7 +38,7 @@ def test_a_prompt_that_has_begun_holds_from_the_beginning_and_one_that_has_ended
     ]
 
 
-def test_constraints_that_have_passed_are_left_out_and_a_path_that_has_begun_is_cut() -> None:
+def test_shifted_constraints_are_dropped_once_passed_and_trajectories_are_cut() -> None:
     moved = shifted(constraints(waypoint(1, 30), waypoint(2, 50), path(3, 36, 10), path(4, 20, 10)), 40)
     assert moved is not None
     left = {each.constraint_id: each for each in moved.edit_constraints.upsert}
@@ -47,14 +47,14 @@ def test_constraints_that_have_passed_are_left_out_and_a_path_that_has_begun_is_
     assert list(left[3].root_trajectory.headings) == [4, 5, 6, 7, 8, 9]
 
 
-def test_an_event_of_which_nothing_is_left_is_none() -> None:
+def test_shifted_event_with_nothing_left_is_none() -> None:
     assert shifted(constraints(waypoint(1, 30)), 40) is None
     assert shifted(prompts(span(1, "over", 0, 40)), 40) is None
     assert shifted(constraints(clear=True), 40) is not None
     assert shifted(prompts(remove=(1,)), 40) is not None
 
 
-def test_the_prompt_in_force_comes_last_of_those_that_have_begun() -> None:
+def test_prompts_that_have_begun_end_with_the_one_in_force() -> None:
     wishes = Wishes()
     wishes.take_opening(session_pb2.OpenSession(prompts=[span(1, "first"), span(2, "later", 30)]))
     wishes.take(prompts(span(3, "much later", 100)), 100, 0)
@@ -72,23 +72,23 @@ def spans_from(wishes: Wishes, frame: int, most: int = 16) -> list[tuple[str, in
     return [(each.text, each.start_frame, each.end_frame) for each in wishes.prompts_from(frame, most)]
 
 
-def test_a_prompt_that_has_begun_goes_on_until_the_one_in_its_place() -> None:
+def test_prompt_in_force_continues_until_the_one_that_replaces_it() -> None:
     wishes = Wishes()
     wishes.take_opening(session_pb2.OpenSession(prompts=[span(1, "walk")]))
     wishes.take(prompts(span(1, "run", 200)), 200, 10)
     assert spans_from(wishes, 150) == [("walk", 0, 50), ("run", 50, 0)]
-    assert spans_from(wishes, 150, 1) == [("run", 50, 0)], "what may be said is less"
+    assert spans_from(wishes, 150, 1) == [("run", 50, 0)], "fewer prompts may be sent"
     assert spans_from(wishes, 200) == [("run", 0, 0)]
     wishes.take(prompts(span(1, "jump", 300)), 300, 20)  # "run" never began
     assert spans_from(wishes, 150) == [("walk", 0, 150), ("jump", 150, 0)]
     wishes.take(prompts(span(1, "sit")), 40, 30)
-    assert spans_from(wishes, 35) == [("walk", 0, 5), ("sit", 5, 0)], "the answer names a frame that is to come"
+    assert spans_from(wishes, 35) == [("walk", 0, 5), ("sit", 5, 0)], "the outcome names a frame still to come"
     wishes.take(prompts(span(2, "wave", 50, 60)), 50, 45)
     wishes.take(prompts(span(3, "nod", 80, 90)), 80, 70)
-    assert spans_from(wishes, 50) == [("sit", 0, 0), ("nod", 30, 40)], "what has ended is forgotten"
+    assert spans_from(wishes, 50) == [("sit", 0, 0), ("nod", 30, 40)], "prompts that have ended are forgotten"
 
 
-def test_constraints_are_those_that_stand_and_what_is_past_is_forgotten() -> None:
+def test_only_constraints_in_force_and_still_ahead_are_kept() -> None:
     wishes = Wishes()
     wishes.take_opening(session_pb2.OpenSession(constraints=[waypoint(1, 20), waypoint(2, 90)]))
     wishes.take(constraints(waypoint(3, 70)), 60, 50)
@@ -97,7 +97,7 @@ def test_constraints_are_those_that_stand_and_what_is_past_is_forgotten() -> Non
     assert wishes.constraints_from(0) == []
 
 
-def test_a_velocity_is_told_again_for_what_is_left_of_it_and_a_pause_too() -> None:
+def test_velocity_is_repeated_for_its_remaining_frames_and_a_pause_too() -> None:
     wishes = Wishes()
     velocity = session_pb2.SetVelocity(x=1, hold_frames=20)
     wishes.take(session_pb2.SessionEvent(set_velocity=velocity), 40, 30)
@@ -109,7 +109,7 @@ def test_a_velocity_is_told_again_for_what_is_left_of_it_and_a_pause_too() -> No
     assert [event.WhichOneof("event") for event in wishes.events_from(60)] == ["set_play_state"]
 
 
-def test_a_cut_that_has_not_come_is_told_again_first() -> None:
+def test_cut_still_ahead_is_repeated_before_the_velocity() -> None:
     wishes = Wishes()
     cut = session_pb2.Seek(start_pose=session_pb2.StartPose(x=5))
     wishes.take(session_pb2.SessionEvent(seek=cut), 70, 50)
@@ -120,7 +120,7 @@ def test_a_cut_that_has_not_come_is_told_again_first() -> None:
     assert [event.WhichOneof("event") for event in wishes.events_from(71)] == ["set_velocity"]
 
 
-def test_a_frame_to_go_back_to_is_counted_from_the_new_beginning() -> None:
+def test_shifted_seek_counts_from_the_new_first_frame() -> None:
     moved = shifted(session_pb2.SessionEvent(seek=session_pb2.Seek(frame=50)), 40)
     assert moved is not None
     assert moved.seek.frame == 10

@@ -1,4 +1,4 @@
-"""Values of a wrong type, given to the calls of an application: each is named, and nothing is sent."""
+"""Values of wrong types, passed to calls of the client: each is refused by name, and nothing is sent."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ CALLS = [
 
 
 @pytest.mark.parametrize("made", CALLS, ids=name_of)
-async def test_a_session_says_nothing_of_it(made: Made) -> None:
+async def test_values_of_wrong_types_are_refused_by_sessions_and_not_sent(made: Made) -> None:
     line = Line()
     session = await open_with_frames(line)
     session.playback.advance_to(5)
@@ -95,11 +95,11 @@ async def test_a_session_says_nothing_of_it(made: Made) -> None:
         assert is_refused(lambda: made.of(session, **arguments)), f"{name} takes {label}"  # noqa: B023  called at once
     assert len(line.said) == said
     for arguments in taken(made):
-        is_refused(lambda: made.of(session, **arguments))  # noqa: B023  called at once; its value may be
+        is_refused(lambda: made.of(session, **arguments))  # noqa: B023  called at once; the value itself may be invalid
     assert session.set_prompt("a person runs").event_seq == session.last_seq
 
 
-async def test_nobody_waits_for_what_is_no_id_or_no_time() -> None:
+async def test_waiting_with_an_invalid_id_or_time_is_refused() -> None:
     session = await open_with_frames(Line())
     for label, value in VALUES.items():
         assert await is_refused_when_awaited(lambda: session.constraint_reached(value)), label  # noqa: B023
@@ -112,8 +112,8 @@ async def test_nobody_waits_for_what_is_no_id_or_no_time() -> None:
 OPENING = {"prompt": {*TEXT, "None"}, "later_prompts": {"{}"}, "options": NONE, "constraints": NO_ITEMS}
 
 
-async def test_a_session_that_cannot_be_opened_leaves_the_others_alone(client: MotionClient) -> None:
-    """What is wrong with an opening must not be found out when its answer is heard: that would end the stream."""
+async def test_open_with_wrong_values_is_refused_and_other_sessions_continue(client: MotionClient) -> None:
+    """A mistake in an opening must not be found when its answer is read: that would end the stream."""
     other = await client.open("a person walks")
     opening = Made(client.open, {}, {**OPENING, "keep_s": {*ABOVE_0, "None"}})
     later = Made(lambda value: client.open(later_prompts={9: value}), {}, {"value": TEXT})
@@ -126,7 +126,7 @@ async def test_a_session_that_cannot_be_opened_leaves_the_others_alone(client: M
 
 
 class Clips(FakeServer):
-    """A server that offers clips, and fails where one is asked for."""
+    """A server that offers clips, and fails if one is requested."""
 
     def GetCatalog(
         self, request: service_pb2.GetCatalogRequest, context: grpc.ServicerContext
@@ -136,7 +136,7 @@ class Clips(FakeServer):
         return offered
 
 
-async def test_a_clip_is_not_asked_for() -> None:
+async def test_clip_with_wrong_values_is_refused_before_it_is_requested() -> None:
     takes = {**OPENING, "num_frames": WHOLE, "num_samples": WHOLE, "timeout_s": {*NUMBER, "inf", "None"}}
     with Clips() as server:
         async with MotionClient(server.address) as client:
@@ -147,7 +147,7 @@ async def test_a_clip_is_not_asked_for() -> None:
                 )
 
 
-async def test_nothing_is_asked_of_an_administrator() -> None:
+async def test_admin_calls_with_wrong_values_are_refused() -> None:
     admin = AdminClient("localhost:1")
     asking = [
         Made(admin.load_model, {}, {"source": TEXT}),
@@ -162,8 +162,8 @@ async def test_nothing_is_asked_of_an_administrator() -> None:
     await admin.close()
 
 
-async def test_more_waits_than_a_report_can_tell_do_not_end_the_reports() -> None:
-    """At a great time scale each moment without frames counts as very many."""
+async def test_reports_continue_when_underruns_exceed_their_field() -> None:
+    """At a great time scale, even a short underrun counts very many frame times."""
     session = await open_with_frames(Line())
     session.playback.advance(0.0)
     session.set_time_scale(1e15)
@@ -173,7 +173,7 @@ async def test_more_waits_than_a_report_can_tell_do_not_end_the_reports() -> Non
     assert session.report().playhead.underruns == 2**32 - 1
 
 
-async def test_one_who_waits_for_a_hello_without_end_is_connected_again(server: FakeServer) -> None:
+async def test_client_with_an_infinite_hello_timeout_reconnects(server: FakeServer) -> None:
     async with MotionClient(server.address, policy=LinePolicy(hello_timeout_s=math.inf)) as client:
         session = await client.open("a person walks")
         server.stream.fail(grpc.StatusCode.UNAVAILABLE)

@@ -1,4 +1,4 @@
-"""Values of a wrong type, of which something is made: each is named, with what is allowed."""
+"""Values of wrong types, passed to constructors: each is refused by name, with what is allowed."""
 
 from __future__ import annotations
 
@@ -177,7 +177,7 @@ LINES = [
 
 
 @pytest.mark.parametrize("made", [*CONSTRAINTS, *OTHERS, *LINES], ids=name_of)
-def test_it_is_refused_and_what_is_taken_is_not(made: Made) -> None:
+def test_values_of_wrong_types_are_refused_and_valid_ones_accepted(made: Made) -> None:
     for name, label, arguments in wrong(made):
         assert is_refused(lambda: made.of(**arguments)), f"{name} takes {label}"  # noqa: B023  called at once
     for arguments in taken(made):
@@ -185,26 +185,26 @@ def test_it_is_refused_and_what_is_taken_is_not(made: Made) -> None:
 
 
 @pytest.mark.parametrize("made", CONSTRAINTS, ids=name_of)
-def test_what_a_constraint_takes_can_be_sent(made: Made) -> None:
+def test_every_accepted_constraint_value_can_be_sent(made: Made) -> None:
     for arguments in taken(made):
         asked: Any = made.of(**arguments)
         assert convert.constraint(1, asked).IsInitialized()
 
 
-def test_what_options_take_can_be_sent() -> None:
+def test_every_accepted_option_value_can_be_sent() -> None:
     (made,) = [each for each in OTHERS if each.of is SessionOptions]
     for arguments in taken(made):
         assert convert.open_session(SessionOptions(**arguments), [], []).IsInitialized()
 
 
-def test_what_a_secret_is_made_of_is_not_told() -> None:
+def test_errors_about_token_and_metadata_do_not_print_the_secret() -> None:
     for wrong_one in ({"token": ["secret"]}, {"metadata": ["secret"]}, {"metadata": [("a", b"secret")]}):
         with pytest.raises(InvalidInput) as refused:
             ChannelSettings("localhost:1", **wrong_one)  # type: ignore[arg-type]
         assert "secret" not in str(refused.value)
 
 
-def test_numbers_and_truths_of_numpy_are_taken() -> None:
+def test_numpy_numbers_and_booleans_are_accepted() -> None:
     flexible = Flexible(Waypoint(0, 1.0, 2.0), at_any_frame=np.bool_(True))  # type: ignore[arg-type]
     assert convert.constraint(1, flexible).at_any_frame is True
     waypoint = Waypoint(np.int64(30), np.float32(1.5), np.int32(2), tolerance_m=np.float64(0.5))  # type: ignore[arg-type]

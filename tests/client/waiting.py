@@ -1,4 +1,4 @@
-"""How tests of sessions wait and play."""
+"""How tests of sessions wait and play frames."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ T = TypeVar("T")
 
 async def until(condition: Callable[[], T | None]) -> T:
     """Let the event loop run until a condition returns something, and return that."""
-    while not (found := condition()):  # noqa: ASYNC110  what is waited for may be of another thread
+    while not (found := condition()):  # noqa: ASYNC110  the condition may depend on another thread
         await asyncio.sleep(0)
     return found
 
 
 async def play(session: Session, clock: ManualClock, seconds: float) -> AsyncIterator[Frame]:
-    """Frames in the time of the manual clock, which advances when the next frame is there."""
+    """Frames in the time of the manual clock, which advances once the next frame has arrived."""
     async for frame in session.frames(seconds):
         yield frame
         await until(lambda: session.playback.buffered_to > session.playback.playhead + 1)
@@ -33,7 +33,7 @@ async def play(session: Session, clock: ManualClock, seconds: float) -> AsyncIte
 
 
 async def received(server: FakeServer, kind: str, count: int = 1) -> list[session_pb2.SessionEvent]:
-    """The events of a kind that the server has received, once there are so many."""
+    """The events of a kind that the server has received, once there are at least count of them."""
 
     def events() -> list[session_pb2.SessionEvent] | None:
         found = [event for event in server.stream.received if event.WhichOneof("event") == kind]

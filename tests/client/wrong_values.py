@@ -1,4 +1,4 @@
-"""Values of wrong types, what takes which of them, and what becomes of the others."""
+"""Values of wrong types, which arguments accept which of them, and checks that the others are refused."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ NUMBER = {"float", "negative", "huge"}
 ABOVE_0 = {"float", "huge"}
 ANGLE = {"float"}
 NONE = {"None"}
-WHOLE: set[str] = set()  # none of the values is a whole number that is allowed
+WHOLE: set[str] = set()  # none of the values is a whole number in the allowed range
 FLAG = {"bool"}
 TEXT = {"text", ""}
 NO_ITEMS = {"[]", "{}"}
@@ -50,7 +50,7 @@ PLACE = {"x_m": NUMBER, "z_m": NUMBER, "heading_rad": NUMBER | NONE}
 
 @dataclass
 class Made:
-    """Something that is made of values: valid ones, and which of `VALUES` each takes too."""
+    """A call, its valid arguments, and which of `VALUES` each argument accepts too."""
 
     of: Callable[..., object]
     valid: dict[str, Any]
@@ -58,21 +58,21 @@ class Made:
 
 
 def wrong(made: Made) -> Iterator[tuple[str, str, dict[str, Any]]]:
-    """The arguments, each with every value that it does not take: its name, that of the value, and all arguments."""
+    """Each argument with every value that it does not accept: its name, the name of the value, and all arguments."""
     for name, taken in made.takes.items():
         for label in VALUES.keys() - taken:
             yield name, label, {**made.valid, name: VALUES[label]}
 
 
 def taken(made: Made) -> Iterator[dict[str, Any]]:
-    """The arguments, each with every value that it takes."""
+    """Each argument with every value that it accepts."""
     for name, labels in made.takes.items():
         for label in labels:
             yield {**made.valid, name: VALUES[label]}
 
 
 def is_refused(make: Callable[[], object]) -> bool:
-    """Whether it raises InvalidInput, which says what is allowed. Anything else that it raises is raised."""
+    """Whether it raises an InvalidInput that says what is allowed. Other exceptions are passed on."""
     try:
         make()
     except InvalidInput as refusal:
@@ -81,7 +81,7 @@ def is_refused(make: Callable[[], object]) -> bool:
 
 
 async def is_refused_when_awaited(make: Callable[[], Awaitable[object]]) -> bool:
-    """As `is_refused`."""
+    """As `is_refused`, for an awaitable."""
     try:
         await make()
     except InvalidInput as refusal:

@@ -1,4 +1,4 @@
-"""The C++ client for tests: built once, with its unit tests and the programs that tests talk to."""
+"""The C++ client for tests: built once, with its unit tests and the programs that tests control."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 
 from tests.cpp.building import build
 
-BUILD_TIMEOUT_S = 1500  # of the first test, which builds: gRPC's headers take a small machine its time
+BUILD_TIMEOUT_S = 1500  # for the first test, which builds: compiling gRPC's headers takes long on a small machine
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

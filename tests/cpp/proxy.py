@@ -1,4 +1,4 @@
-"""A TCP relay for blocking tests, which can cut or freeze it: a frozen relay takes bytes and passes none on."""
+"""A TCP relay that blocking tests can cut or freeze: a frozen relay reads bytes and passes none on."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class BlockingLine:
         self._call(self._line.cut)
 
     def freeze(self) -> None:
-        """Pass nothing on from now on, for new connections, too."""
+        """Pass nothing on from now on, on new connections too."""
         self._call(self._line.is_flowing.clear)
 
     def thaw(self) -> None:

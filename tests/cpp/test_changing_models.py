@@ -1,4 +1,4 @@
-"""The C++ client and a server whose models come and go: the catalogue is asked for again."""
+"""The C++ client and a server whose models come and go: the catalogue is requested again."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Program = Callable[[str], Path]
 
 
 class Changing(FakeServer):
-    """Has another model the first time that it is asked."""
+    """Offers another model and rig in its first catalogue."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -37,7 +37,7 @@ class Changing(FakeServer):
         return response
 
 
-def test_a_session_on_a_rig_that_came_meanwhile_plays(program: Program) -> None:
+def test_session_on_a_rig_added_since_connecting_plays(program: Program) -> None:
     with Changing() as server, character(program, server.address) as walker:
         walker.hear("opened")
         walker.tell("wait 40")
@@ -45,7 +45,7 @@ def test_a_session_on_a_rig_that_came_meanwhile_plays(program: Program) -> None:
         assert server.num_asked == 2
 
 
-def test_the_catalogue_is_asked_for_again_where_a_model_has_gone(program: Program) -> None:
+def test_unknown_model_makes_the_client_request_the_catalogue_again(program: Program) -> None:
     with Changing() as server:
         server.refuse = lambda event: "UNKNOWN_MODEL" if event.HasField("open") else ""
         with character(program, server.address) as walker:
@@ -53,7 +53,7 @@ def test_the_catalogue_is_asked_for_again_where_a_model_has_gone(program: Progra
             until(lambda: server.num_asked == 2)
 
 
-def test_a_velocity_before_the_opening_lasts_as_long_as_it_was_told(program: Program) -> None:
+def test_velocity_set_before_the_opening_keeps_its_duration(program: Program) -> None:
     with FakeServer(frame_rate=50) as server:
         has_said = threading.Event()
 

@@ -1,4 +1,4 @@
-"""The C++ client and a real server: streams, edits, threads, and what is lost on the way."""
+"""The C++ client and a real server: unit tests, examples, the C interface, edits and lost connections."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from tests.waiting import LIMIT_S
 
 Program = Callable[[str], Path]
 PATIENCE_S = 200.0
-NOTICES_SILENCE = {"MOTIONGEN_PING_S": "0.4"}  # a server that says nothing for a second is given up
+NOTICES_SILENCE = {"MOTIONGEN_PING_S": "0.4"}  # a connection without pongs for about a second is given up
 
 
-def test_the_parts_of_the_client_pass_their_unit_tests(program: Program, tmp_path: Path) -> None:
+def test_unit_tests_of_the_client_pass(program: Program, tmp_path: Path) -> None:
     subprocess.run([program("client_parts_tests"), "--gtest_brief=1"], check=True, cwd=tmp_path)
 
 
-def test_streams_on_a_real_server(program: Program, live_server: LiveServer, tmp_path: Path) -> None:
+def test_stream_tests_pass_with_a_real_server(program: Program, live_server: LiveServer, tmp_path: Path) -> None:
     environment = {**os.environ, "MOTIONGEN_ADDRESS": live_server.address}
     subprocess.run([program("stream_tests"), "--gtest_brief=1"], check=True, cwd=tmp_path, env=environment)
 
 
-def test_a_hundred_connects_leave_no_memory_behind(program: Program, live_server: LiveServer) -> None:
+def test_a_hundred_connects_leak_no_memory(program: Program, live_server: LiveServer) -> None:
     told = subprocess.run(
         [program("connects"), live_server.address, "100"], check=True, stdout=subprocess.PIPE, text=True
     )
@@ -42,27 +42,29 @@ def test_a_hundred_connects_leave_no_memory_behind(program: Program, live_server
 
 
 @pytest.mark.parametrize("example", ["one_character", "crowd ADDRESS 20 2", "from_c"])
-def test_an_example_runs(program: Program, live_server: LiveServer, example: str) -> None:
+def test_example_runs_with_a_real_server(program: Program, live_server: LiveServer, example: str) -> None:
     name, *arguments = example.replace("ADDRESS", live_server.address).split()
     command = [program(name), *(arguments or [live_server.address])]
     assert subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout.strip()
 
 
 @pytest.mark.parametrize("size", [["0"], ["20", "0"], ["many"]])
-def test_a_crowd_of_nobody_or_for_no_time_is_refused(program: Program, size: list[str]) -> None:
+def test_crowd_example_refuses_an_invalid_size_or_duration(program: Program, size: list[str]) -> None:
     assert subprocess.run([program("crowd"), "localhost:1", *size], stderr=subprocess.DEVNULL).returncode == 2
 
 
-def test_the_c_interface_passes_its_unit_tests(program: Program, tmp_path: Path) -> None:
+def test_unit_tests_of_the_c_interface_pass(program: Program, tmp_path: Path) -> None:
     subprocess.run([program("c_tests"), "--gtest_brief=1"], check=True, cwd=tmp_path)
 
 
-def test_the_c_interface_on_a_real_server(program: Program, live_server: LiveServer, tmp_path: Path) -> None:
+def test_stream_tests_of_the_c_interface_pass_with_a_real_server(
+    program: Program, live_server: LiveServer, tmp_path: Path
+) -> None:
     environment = {**os.environ, "MOTIONGEN_ADDRESS": live_server.address}
     subprocess.run([program("c_stream_tests"), "--gtest_brief=1"], check=True, cwd=tmp_path, env=environment)
 
 
-def test_the_library_for_engines_shows_its_c_interface_alone(program: Program) -> None:
+def test_c_library_exports_exactly_the_declared_functions(program: Program) -> None:
     library = program("c_tests").parents[1] / "libmotiongen_c.so"
     listing = run("nm", "--dynamic", "--defined-only", library)
     names = {line.split()[2] for line in listing.splitlines()}
@@ -82,7 +84,7 @@ def test_each_header_of_the_c_interface_compiles_alone(compiler: str) -> None:
 
 
 class Character:
-    """`told_events` at work: told lines, and telling what happens."""
+    """A running `told_events`: it takes commands as lines, and prints a line for each thing that happens."""
 
     def __init__(self, process: subprocess.Popen[str]) -> None:
         self._process = process
@@ -94,24 +96,24 @@ class Character:
         self._process.stdin.flush()
 
     def hear(self, kind: str) -> list[str]:
-        """The words of the next line of a kind. Fails where the session or the program ends before it comes."""
+        """The words of the next line of a kind. Fails if the session or the program ends before it comes."""
         assert self._process.stdout is not None
         for line in self._process.stdout:
             words = line.split()
             self.heard.append(words)
             if words[0] == kind:
                 return words
-            assert words[0] != "closed", f"the session ended before it told {kind!r}: {line}"
-        raise AssertionError(f"the program ended without telling {kind!r}")
+            assert words[0] != "closed", f"the session ended before it printed {kind!r}: {line}"
+        raise AssertionError(f"the program ended without printing {kind!r}")
 
     def hear_each(self, *kinds: str) -> None:
-        """As many lines of each kind, in whichever order they come."""
+        """Wait for a line of each kind given, in any order."""
         missing = Counter(kinds)
         while missing.total():
             assert self._process.stdout is not None
             words = self._process.stdout.readline().split()
-            assert words, f"the program ended without telling {dict(missing)}"
-            assert words[0] != "closed", f"the session ended before it told {dict(missing)}"
+            assert words, f"the program ended without printing {dict(missing)}"
+            assert words[0] != "closed", f"the session ended before it printed {dict(missing)}"
             self.heard.append(words)
             missing -= Counter([words[0]])
 
@@ -122,17 +124,17 @@ class Character:
 
 @contextmanager
 def character(program: Program, address: str, **variables: str) -> Iterator[Character]:
-    """variables: what the program connects with, MOTIONGEN_TOKEN and others.
+    """variables: environment variables that the program connects with, MOTIONGEN_TOKEN and others.
 
-    It gives nobody up for silence unless it is told to: a busy machine is silent for a second now and then, and lines
-    are lost when a test loses them.
+    By default it pings so rarely that silence ends no connection, since a busy machine stalls for a second now and
+    then: connections are lost only when a test cuts them.
     """
     command = [str(program("told_events")), address]
     environment = {**os.environ, "MOTIONGEN_PING_S": "60", **variables}
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment)
     assert process.stdin is not None
     assert process.stdout is not None
-    patience = threading.Timer(PATIENCE_S, process.kill)  # else who waits for a line that never comes waits for ever
+    patience = threading.Timer(PATIENCE_S, process.kill)  # so that no test waits for ever for a line that never comes
     patience.start()
     with process.stdout, process.stdin:
         try:
@@ -146,7 +148,7 @@ def character(program: Program, address: str, **variables: str) -> Iterator[Char
             process.wait()
 
 
-def test_a_character_goes_on_after_a_cut_as_if_nothing_had_been(program: Program, live_server: LiveServer) -> None:
+def test_session_is_resumed_exactly_after_a_lost_connection(program: Program, live_server: LiveServer) -> None:
     with BlockingLine(live_server.address) as proxy, character(program, proxy.address) as walker:
         walker.hear("opened")
         walker.tell("waypoint 400 1 2")
@@ -166,7 +168,7 @@ def test_a_character_goes_on_after_a_cut_as_if_nothing_had_been(program: Program
         assert walker.place(0) == before
 
 
-def test_each_edit_is_answered_once_however_often_the_stream_is_cut(program: Program, live_server: LiveServer) -> None:
+def test_every_edit_is_answered_once_although_connections_are_lost(program: Program, live_server: LiveServer) -> None:
     with BlockingLine(live_server.address) as proxy, character(program, proxy.address) as walker:
         walker.hear("opened")
         for number in range(1, 11):
@@ -176,7 +178,7 @@ def test_each_edit_is_answered_once_however_often_the_stream_is_cut(program: Pro
             assert walker.hear("edit")[1:3] == [str(number), "OK"]
 
 
-def test_a_character_is_opened_anew_where_it_was_not_kept(program: Program) -> None:
+def test_session_that_the_server_did_not_keep_is_reopened(program: Program) -> None:
     settings = ["--resume-grace-s", "0", "--model", str(TINY_MODEL), "--text-encoder", "hashed", "--devices", "cpu:1"]
     settings += ["--profile-s", "0.3", "--admit-load", "1000", "--degrade", "false"]
     with (
@@ -193,13 +195,13 @@ def test_a_character_is_opened_anew_where_it_was_not_kept(program: Program) -> N
         walker.tell("prompt a person runs forward")
         _, first, exact = walker.hear("recovered")
         assert exact == "0"
-        assert int(first) > 20, "what was held is played before what comes anew"
+        assert int(first) > 20, "held frames are played before new ones"
         assert walker.hear("edit")[1:3] == ["2", "OK"]
         walker.tell(f"wait {int(first) + 4}")
         assert walker.hear("frame")[2] == "OK"
 
 
-def test_a_paused_character_that_was_never_played_is_recovered_too(program: Program, live_server: LiveServer) -> None:
+def test_paused_session_that_was_never_played_is_recovered(program: Program, live_server: LiveServer) -> None:
     with BlockingLine(live_server.address) as proxy, character(program, proxy.address) as walker:
         walker.tell("pause")
         assert walker.hear("edit")[2] == "OK"
@@ -211,7 +213,7 @@ def test_a_paused_character_that_was_never_played_is_recovered_too(program: Prog
         assert walker.hear("edit")[2] == "OK"
 
 
-def test_a_server_that_freezes_is_noticed(program: Program, live_server: LiveServer) -> None:
+def test_frozen_connection_is_detected_and_the_session_recovers(program: Program, live_server: LiveServer) -> None:
     with (
         BlockingLine(live_server.address) as proxy,
         character(program, proxy.address, **NOTICES_SILENCE) as walker,

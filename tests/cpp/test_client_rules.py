@@ -1,4 +1,4 @@
-"""The C++ client keeps to the protocol in everything that it says: between it and a server all of it is checked."""
+"""The C++ client follows the protocol in all that it sends: a relay between it and a server checks every message."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ EDITS = (
 )
 
 
-def tell_all(walker: Character) -> None:
-    """One edit after another, each with its answer, and as many again without waiting."""
+def edit_in_every_way(walker: Character) -> None:
+    """Make all edits, waiting for each answer, and then all of them again without waiting."""
     for line in EDITS:
         walker.tell(line)
         walker.hear("edit")
@@ -44,12 +44,12 @@ def tell_all(walker: Character) -> None:
         walker.hear("edit")
 
 
-async def test_every_edit_is_said_by_the_rules(program: Program, live_server: LiveServer) -> None:
+async def test_every_kind_of_edit_follows_the_protocol(program: Program, live_server: LiveServer) -> None:
     def play(address: str) -> None:
         with character(program, address) as walker:
             walker.tell("wait 40")
             walker.hear("frame")
-            tell_all(walker)
+            edit_in_every_way(walker)
             walker.tell("close")
 
     async with asyncio.timeout(LIMIT_S), RulesRelay(live_server.address) as relay:
@@ -61,7 +61,7 @@ async def test_every_edit_is_said_by_the_rules(program: Program, live_server: Li
         assert told.sent_seq == 1 + 2 * len(EDITS) + 1
 
 
-async def test_a_session_is_resumed_by_the_rules(program: Program, live_server: LiveServer) -> None:
+async def test_resuming_a_session_follows_the_protocol(program: Program, live_server: LiveServer) -> None:
     def play(behind: str) -> None:
         with BlockingLine(behind) as proxy, character(program, proxy.address) as walker:
             walker.tell("wait 40")
@@ -71,7 +71,7 @@ async def test_a_session_is_resumed_by_the_rules(program: Program, live_server: 
                 proxy.cut()
                 walker.tell("prompt a person waves")
                 walker.hear_each("recovered", "edit", "edit")
-            tell_all(walker)
+            edit_in_every_way(walker)
 
     async with asyncio.timeout(LIMIT_S), RulesRelay(live_server.address) as relay:
         await asyncio.to_thread(play, relay.address)

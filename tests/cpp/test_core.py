@@ -1,4 +1,4 @@
-"""The core: its own unit tests, and the same playback as the Python client's, call by call."""
+"""The core: its own unit tests, and its playback compared with the Python client's, call by call."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ RATE = 20.0
 WIDTH = 2
 
 
-def test_the_unit_tests_of_the_core_pass(program: Callable[[str], Path], tmp_path: Path) -> None:
+def test_unit_tests_of_the_core_pass(program: Callable[[str], Path], tmp_path: Path) -> None:
     subprocess.run([program("core_tests"), "--gtest_brief=1"], check=True, cwd=tmp_path)
 
 
 class PythonTimeline:
-    """The Python client's playback, told what `timeline_trace` is told, and answering as it does."""
+    """The Python client's playback, which takes the same lines as `timeline_trace`, and answers in the same form."""
 
     def __init__(self, keep: int) -> None:
         self.playback = Playback(RATE, WIDTH, keep_frames=None if keep < 0 else keep)
@@ -41,7 +41,7 @@ class PythonTimeline:
                     plan, first, count, committed = map(int, numbers)
                     rows = np.repeat(plan * 1000 + np.arange(first, first + count)[:, None], WIDTH, axis=1)
                     if count < 1:
-                        return "-"  # the client refuses it before playback hears of it
+                        return "-"  # the client refuses it before it reaches playback
                     playback.add_chunk(plan, first, rows.astype(np.float32), committed)
                 case "cut":
                     return str(playback.note_cut(int(numbers[0])))
@@ -73,7 +73,7 @@ def shown(reached: range) -> str:
 
 
 def draw_trace(seed: int) -> list[str]:
-    """A session in which much goes wrong: late plans, gaps, holds, pauses, jumps, and messages against the rules."""
+    """A session in which much goes wrong: late plans, gaps, holds, pauses, jumps, and messages that break the rules."""
     draw = random.Random(seed)
     keep = draw.choice([-1, 0, 3, 30])
     lines, now_s, plan, received, committed = [f"new {RATE} {WIDTH} 0 {keep}"], 0.0, 0, 0, 0
@@ -85,7 +85,7 @@ def draw_trace(seed: int) -> list[str]:
                 is_cut = draw.random() < 0.2
                 lines.append(f"plan {plan} {valid_from} {int(is_cut)}")
                 received = min(received, valid_from)
-                if draw.random() < 0.2:  # after a loss, the answer tells of it
+                if draw.random() < 0.2:  # known from its outcome, after a loss
                     lines.append(f"cut {valid_from + draw.randint(0, 3)}")
             case "chunk":
                 count = draw.randint(1, 12)
@@ -114,7 +114,7 @@ def trace(program: Callable[[str], Path], lines: list[str]) -> list[str]:
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_playback_is_the_python_clients(program: Callable[[str], Path], seed: int) -> None:
+def test_playback_equals_the_python_clients(program: Callable[[str], Path], seed: int) -> None:
     lines = draw_trace(seed)
     python = PythonTimeline(int(lines[0].split()[-1]))
     told = trace(program, lines)
@@ -123,7 +123,7 @@ def test_playback_is_the_python_clients(program: Callable[[str], Path], seed: in
         assert answer == python.call(line), f"call {number}: {line}"
 
 
-def test_the_traces_reach_what_they_are_for(program: Callable[[str], Path]) -> None:
+def test_playback_traces_contain_refusals_underruns_and_late_plans(program: Callable[[str], Path]) -> None:
     answers = [line.split() for seed in range(40) for line in trace(program, draw_trace(seed))]
     refused = sum(answer[0] == "-" for answer in answers)
     assert refused > 100

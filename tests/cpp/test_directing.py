@@ -1,4 +1,4 @@
-"""Everything a character can be told, said by the C++ client to a real server."""
+"""Every kind of edit, sent by the C++ client to a real server."""
 
 from __future__ import annotations
 
@@ -40,14 +40,14 @@ FORMS = [
 
 
 @pytest.mark.parametrize("line", FORMS)
-def test_a_target_of_every_form_is_taken(program: Program, live_server: LiveServer, line: str) -> None:
+def test_target_of_every_form_is_accepted(program: Program, live_server: LiveServer, line: str) -> None:
     with character(program, live_server.address, MOTIONGEN_CLOCK="manual") as walker:
         walker.tell("wait 10")
         walker.hear("frame")
         assert answer(walker, line)[0] == "OK"
 
 
-def test_where_the_server_put_a_target_is_told_and_kept(program: Program, live_server: LiveServer) -> None:
+def test_placement_of_a_target_is_reported(program: Program, live_server: LiveServer) -> None:
     with character(program, live_server.address, MOTIONGEN_CLOCK="manual") as walker:
         walker.tell("wait 10")
         walker.hear("frame")
@@ -58,7 +58,7 @@ def test_where_the_server_put_a_target_is_told_and_kept(program: Program, live_s
         assert int(anchor) <= int(first) <= int(arrival) <= int(last)
 
 
-def test_a_target_in_the_place_of_another_is_the_one_that_is_answered(
+def test_outcome_is_of_the_replacement_target_and_unknown_ids_are_refused(
     program: Program, live_server: LiveServer
 ) -> None:
     with character(program, live_server.address, MOTIONGEN_CLOCK="manual") as walker:
@@ -76,7 +76,7 @@ def test_a_target_in_the_place_of_another_is_the_one_that_is_answered(
         assert "an id that an earlier call gave" in " ".join(walker.hear("refused"))
 
 
-def test_prompts_end_move_and_go(program: Program, live_server: LiveServer) -> None:
+def test_prompts_can_be_scheduled_moved_and_removed(program: Program, live_server: LiveServer) -> None:
     with character(program, live_server.address, MOTIONGEN_CLOCK="manual") as walker:
         walker.tell("wait 10")
         walker.hear("frame")
@@ -84,14 +84,14 @@ def test_prompts_end_move_and_go(program: Program, live_server: LiveServer) -> N
         assert answer(walker, "replace_prompt 2 70 100 a person jumps")[0] == "OK"
         assert answer(walker, "remove_prompt 2")[0] == "OK"
         assert answer(walker, "remove_prompt 2")[0] == "UNKNOWN_PROMPT"
-        assert answer(walker, "replace_prompt 1 80 0 a person jumps")[:2] == ["OK", "80"], "the present one"
+        assert answer(walker, "replace_prompt 1 80 0 a person jumps")[:2] == ["OK", "80"], "the prompt in force"
         walker.tell("replace_prompt 9 60 90 a person waves")
         assert "an id that an earlier call gave" in " ".join(walker.hear("refused"))
         walker.tell("schedule 90 60 a person waves")
         assert "above start_frame" in " ".join(walker.hear("refused"))
 
 
-def test_scheduled_prompts_that_have_begun_give_way_however_quickly_others_come(
+def test_prompt_that_has_begun_is_removed_once_by_prompts_in_quick_succession(
     program: Program, live_server: LiveServer
 ) -> None:
     with character(program, live_server.address, MOTIONGEN_CLOCK="manual") as walker:
@@ -102,10 +102,10 @@ def test_scheduled_prompts_that_have_begun_give_way_however_quickly_others_come(
         for text in ("a person runs", "a person jumps"):
             walker.tell(f"prompt {text}")
         assert walker.hear("edit")[2] == "OK"
-        assert walker.hear("edit")[2] == "OK", "it does not drop again what the first has dropped"
+        assert walker.hear("edit")[2] == "OK", "it does not remove again what the first has removed"
 
 
-def test_options_change_while_it_is_open(program: Program, live_server: LiveServer) -> None:
+def test_options_of_an_open_session_can_be_changed(program: Program, live_server: LiveServer) -> None:
     with character(program, live_server.address, MOTIONGEN_CLOCK="manual") as walker:
         walker.tell("wait 10")
         walker.hear("frame")
@@ -113,7 +113,7 @@ def test_options_change_while_it_is_open(program: Program, live_server: LiveServ
         assert answer(walker, "options steps=100000")[0] == "DENOISE_STEPS_OUT_OF_RANGE"
 
 
-def test_a_cut_puts_it_elsewhere_at_once(program: Program, live_server: LiveServer) -> None:
+def test_teleport_moves_the_character_at_its_effective_frame(program: Program, live_server: LiveServer) -> None:
     with character(program, live_server.address, MOTIONGEN_CLOCK="manual") as walker:
         walker.tell("wait 10")
         walker.hear("frame")
@@ -127,17 +127,17 @@ def test_a_cut_puts_it_elsewhere_at_once(program: Program, live_server: LiveServ
         assert abs(x - 20) < 2
         assert abs(z - 30) < 2
         x, _, z = walker.place(frame - 1)
-        assert abs(x) < 5, "what was decided stays"
+        assert abs(x) < 5, "decided frames stay"
 
 
-def test_it_goes_back_to_a_frame_of_its_own(program: Program, live_server: LiveServer) -> None:
+def test_seek_returns_to_an_earlier_frame_under_a_later_number(program: Program, live_server: LiveServer) -> None:
     with character(program, live_server.address, MOTIONGEN_CLOCK="manual") as walker:
         walker.tell("wait 20")
         walker.hear("frame")
         walker.tell("to 16")
         code, effective = answer(walker, "seek 12")[:2]
         assert code == "OK"
-        assert int(effective) > 16, "frames are numbered on"
+        assert int(effective) > 16, "frame numbers continue"
         walker.tell(f"wait {effective}")
         assert walker.hear("frame")[2] == "OK"
         assert answer(walker, "seek 100000")[0] == "FRAME_NOT_HELD"
@@ -146,7 +146,7 @@ def test_it_goes_back_to_a_frame_of_its_own(program: Program, live_server: LiveS
 
 
 @pytest.mark.parametrize(("number", "metres"), [("2", 0.0015), ("3", 0.001)])
-def test_frames_come_as_asked_for_and_are_the_same(
+def test_compressed_frame_formats_equal_float_frames_within_tolerance(
     program: Program, live_server: LiveServer, number: str, metres: float
 ) -> None:
     rows = []
@@ -161,11 +161,11 @@ def test_frames_come_as_asked_for_and_are_the_same(
     assert len(exact) == len(stored) > 100
     assert max(abs(a - b) for a, b in zip(exact[:3], stored[:3], strict=True)) < metres
     turns = [np.array(row[3:-4]).reshape(-1, 4) for row in (exact, stored)]
-    assert np.abs(np.abs((turns[0] * turns[1]).sum(axis=1)) - 1).max() < 1e-4  # of q and -q any
+    assert np.abs(np.abs((turns[0] * turns[1]).sum(axis=1)) - 1).max() < 1e-4  # q and -q are the same rotation
     assert exact[-4:] == stored[-4:]
 
 
-NOT_SAID = {
+NOT_SENT = {
     "SessionEvent": {"take_snapshot"},
     "OpenSession": {"request_id", "snapshot"},
     "Seek": set(),
@@ -175,10 +175,10 @@ NOT_SAID = {
     "SetVelocity": set(),
     "RootPath": set(),
 }
-"""What the C++ client leaves out; client/cpp/README.md says why."""
+"""Fields that the C++ client does not send; client/cpp/README.md says why."""
 
 
-NOT_HEARD = {
+NOT_READ = {
     "ServerHello": {"server_time_ns"},
     "Pong": {"server_time_ns"},
     "SessionUpdate": {"snapshot", "durable_seq"},
@@ -187,32 +187,32 @@ NOT_HEARD = {
     "SessionClosed": {"late_frames"},
     "Goodbye": {"grace"},
 }
-"""Of what a server says; the same page says why."""
+"""Fields of a server's messages that it does not read; the same page says why."""
 
-HEARD = (
+READ = (
     "GetCatalogResponse", "Model", "Limits", "ConstraintForm", "LocomotionPreset", "Preset", "Rig", "Limb",
     "GenerateClipResponse", "ClipSummary", "ConstraintResidual", "Deviation", "SessionOpened",
     "ConstraintPlacement", "EventWarning", "ConstraintReached", "SessionDurability", "ServiceLevel", "FrameChunk",
-    *NOT_HEARD,
+    *NOT_READ,
 )  # fmt: skip
 
 
-def test_every_field_that_a_server_may_set_is_read_or_said_not_to_be() -> None:
+def test_every_field_set_by_servers_is_read_or_listed_as_not_read() -> None:
     folder = ROOT / "client" / "cpp" / "src" / "client"
     words = {word for path in folder.glob("*.[ch]pp") for word in re.findall(r"\w+", path.read_text(encoding="utf-8"))}
-    for name in HEARD:
+    for name in READ:
         (module,) = (each for each in (motion_pb2, service_pb2, session_pb2) if hasattr(each, name))
         fields = set(getattr(module, name).DESCRIPTOR.fields_by_name)
-        left_out = NOT_HEARD.get(name, set())
+        left_out = NOT_READ.get(name, set())
         assert left_out <= fields
         assert not fields - left_out - words, name
 
 
-def test_every_field_that_a_client_may_set_is_set_by_the_client_or_said_not_to_be() -> None:
+def test_every_field_clients_may_set_is_set_or_listed_as_not_set() -> None:
     sources = "".join(
         path.read_text(encoding="utf-8") for path in (ROOT / "client" / "cpp" / "src" / "client").glob("*.cpp")
     )
-    for name, left_out in NOT_SAID.items():
+    for name, left_out in NOT_SENT.items():
         module = motion_pb2 if hasattr(motion_pb2, name) else session_pb2
         fields = set(getattr(module, name).DESCRIPTOR.fields_by_name)
         assert left_out <= fields

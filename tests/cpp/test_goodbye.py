@@ -1,4 +1,4 @@
-"""The C++ client and servers that go away: it goes on where they send it, as far as it may."""
+"""The C++ client and draining servers: it continues on the servers that they name, if these are allowed."""
 
 from __future__ import annotations
 
@@ -30,8 +30,10 @@ def num_streams(servers: Sequence[FakeServer]) -> list[int]:
     return [len(each.streams) for each in servers]
 
 
-def led(program: Program, address: str, others: Sequence[str] = ()) -> AbstractContextManager[Character]:
-    """One that may go to other addresses too."""
+def character_with_others(
+    program: Program, address: str, others: Sequence[str] = ()
+) -> AbstractContextManager[Character]:
+    """A character that may connect to other addresses too."""
     return character(program, address, MOTIONGEN_OTHER=",".join(others))
 
 
@@ -40,8 +42,8 @@ def play(walker: Character) -> None:
     assert walker.hear("frame")[2] == "OK"
 
 
-def go_away(walker: Character, server: FakeServer, *others: Named) -> None:
-    """The server names others, by addresses and keys, and ends the stream; it wishes nobody back for an hour."""
+def say_goodbye(walker: Character, server: FakeServer, *others: Named) -> None:
+    """Have the server name others, by address and key, ask for no reconnection within an hour, and end the stream."""
     goodbye = service_pb2.Goodbye(reason=service_pb2.GOODBYE_REASON_DRAINING)
     goodbye.reconnect_after.FromSeconds(3600)
     for address, key in others:
@@ -53,54 +55,54 @@ def go_away(walker: Character, server: FakeServer, *others: Named) -> None:
     walker.hear("recovered")
 
 
-def test_a_server_that_goes_away_names_one_that_goes_on_with_its_sessions(
-    program: Program, servers: Sequence[FakeServer]
-) -> None:
+def test_session_continues_on_the_server_named_in_a_goodbye(program: Program, servers: Sequence[FakeServer]) -> None:
     own, following, other = servers
-    with led(program, own.address, [following.address, other.address]) as walker:
+    with character_with_others(program, own.address, [following.address, other.address]) as walker:
         play(walker)
-        go_away(walker, own, ("elsewhere:1", ""), (other.address, ""))
+        say_goodbye(walker, own, ("elsewhere:1", ""), (other.address, ""))
         assert num_streams(servers) == [1, 0, 1]
         other.stream.fail(grpc.StatusCode.UNAVAILABLE)
         walker.hear("recovered")
-        assert num_streams(servers) == [1, 0, 2], "it stays where it was led to"
+        assert num_streams(servers) == [1, 0, 2], "it stays with the server that was named"
 
 
-def test_where_nobody_answers_that_was_named_it_goes_to_the_next_and_then_on_in_turn(
+def test_unreachable_servers_of_a_goodbye_are_skipped_then_own_addresses_tried(
     program: Program, servers: Sequence[FakeServer]
 ) -> None:
     own, following, other = servers
-    with led(program, own.address, [NOBODY, following.address, other.address]) as walker:
+    with character_with_others(program, own.address, [NOBODY, following.address, other.address]) as walker:
         play(walker)
-        go_away(walker, own, (NOBODY, ""), (other.address, ""))
+        say_goodbye(walker, own, (NOBODY, ""), (other.address, ""))
         assert num_streams(servers) == [1, 0, 1]
-        go_away(walker, other, (NOBODY, ""))
+        say_goodbye(walker, other, (NOBODY, ""))
         assert num_streams(servers) == [1, 1, 1]
 
 
-def test_an_address_that_the_application_has_not_named_is_not_called(
+def test_server_at_an_address_the_application_did_not_name_is_not_contacted(
     program: Program, servers: Sequence[FakeServer]
 ) -> None:
     own, following, other = servers
-    with led(program, own.address, [following.address]) as walker:
+    with character_with_others(program, own.address, [following.address]) as walker:
         play(walker)
-        go_away(walker, own, (other.address, ""))
+        say_goodbye(walker, own, (other.address, ""))
         assert num_streams(servers) == [1, 1, 0]
     assert other.metadata == []
 
 
-def test_a_server_that_goes_away_names_the_key_of_another(program: Program, servers: Sequence[FakeServer]) -> None:
+def test_session_continues_with_the_routing_key_named_in_a_goodbye(
+    program: Program, servers: Sequence[FakeServer]
+) -> None:
     own = servers[0]
-    with led(program, own.address) as walker:
+    with character_with_others(program, own.address) as walker:
         play(walker)
-        go_away(walker, own, ("elsewhere:1", KEY))
+        say_goodbye(walker, own, ("elsewhere:1", KEY))
         assert num_streams(servers) == [2, 0, 0]
     keys = [call["x-motiongen-key"] for call in own.metadata]
     assert keys[0] == keys[1] != KEY
-    assert keys[2:] == [KEY, KEY], "of the catalogue's call and the stream's"
+    assert keys[2:] == [KEY, KEY], "the catalogue's call and the stream's"
 
 
-def test_a_character_that_a_draining_server_refuses_is_opened_by_the_next(
+def test_session_refused_by_a_draining_server_is_opened_on_reconnection(
     program: Program, servers: Sequence[FakeServer]
 ) -> None:
     own = servers[0]
@@ -111,20 +113,20 @@ def test_a_character_that_a_draining_server_refuses_is_opened_by_the_next(
         outcome = session_pb2.EditOutcome(event_seq=1, code=14, reason="DRAINING", message="it goes away")
         own.stream.push(event.session, outcome=outcome)
         own.stream.end()
-        return outcome  # the stream has ended: nobody hears it a second time
+        return outcome  # the stream has ended, so this one is not sent
 
     own.refuse = refuse
-    with led(program, own.address) as walker:
+    with character_with_others(program, own.address) as walker:
         walker.hear("opened")
         play(walker)
     assert num_streams(servers) == [2, 0, 0]
 
 
-def test_connecting_asks_the_next_address_where_the_first_turns_streams_away(
+def test_connecting_tries_the_next_address_when_the_first_refuses_streams(
     program: Program, servers: Sequence[FakeServer]
 ) -> None:
     own, following, _ = servers
     own.turned_away = [StreamRefused(grpc.StatusCode.UNAVAILABLE, "STARTING", "it loads").status()] * 1000
-    with led(program, own.address, [following.address]) as walker:
+    with character_with_others(program, own.address, [following.address]) as walker:
         walker.hear("opened")
         assert num_streams(servers) == [0, 1, 0]

@@ -1,4 +1,4 @@
-"""The C++ client and a server that breaks the rules of frames, or says goodbye between them."""
+"""The C++ client and a server that breaks the rules of frames, says goodbye, or stops answering."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def server() -> Iterator[FakeServer]:
 
 
 def check_motion(walker: Character) -> None:
-    """The motion of the fake server goes 5 cm a frame, whatever the plans were."""
+    """Check that the root moves 5 cm per frame, as the fake server sends it, across all plans."""
     walker.tell("held")
     words = walker.hear("held")
     first, places = int(words[1]), [float(word) for word in words[2:]]
@@ -31,8 +31,8 @@ def check_motion(walker: Character) -> None:
     assert [round(place / 0.05) for place in places] == list(range(first, first + len(places)))
 
 
-def play_up(server: FakeServer, script: hostile.Script) -> None:
-    """Play the script when a velocity comes, on the thread that sends frames, so that none come in between."""
+def run_on_velocity(server: FakeServer, script: hostile.Script) -> None:
+    """Run the script when a velocity comes, on the thread that sends frames, so that none come in between."""
 
     def refuse(event: session_pb2.SessionEvent) -> str:
         if event.HasField("set_velocity"):
@@ -55,10 +55,10 @@ def play_up(server: FakeServer, script: hostile.Script) -> None:
     ],
     ids=lambda script: script.__name__,
 )
-def test_a_broken_rule_ends_the_session_and_what_is_held_stays_right(
+def test_invalid_frames_or_plans_end_the_session_and_held_frames_stay_valid(
     program: Program, server: FakeServer, script: hostile.Script
 ) -> None:
-    play_up(server, script)
+    run_on_velocity(server, script)
     with character(program, server.address) as walker:
         walker.tell("wait 60")
         walker.hear("frame")
@@ -67,13 +67,13 @@ def test_a_broken_rule_ends_the_session_and_what_is_held_stays_right(
         check_motion(walker)
 
 
-def test_a_goodbye_between_the_chunks_of_a_plan_loses_no_frame(program: Program, server: FakeServer) -> None:
+def test_goodbye_before_the_plan_of_an_edit_loses_no_frame(program: Program, server: FakeServer) -> None:
     def say_goodbye(stream: object, told: object) -> None:
         goodbye = service_pb2.Goodbye(reason=service_pb2.GOODBYE_REASON_DRAINING)
         goodbye.grace.FromSeconds(60)
         server.stream.outgoing.put(service_pb2.StreamMotionResponse(goodbye=goodbye))
 
-    play_up(server, say_goodbye)
+    run_on_velocity(server, say_goodbye)
     with character(program, server.address) as walker:
         walker.tell("wait 60")
         walker.hear("frame")
@@ -85,13 +85,13 @@ def test_a_goodbye_between_the_chunks_of_a_plan_loses_no_frame(program: Program,
         check_motion(walker)
 
 
-def test_an_update_of_a_later_version_is_passed_over(program: Program, server: FakeServer) -> None:
+def test_unknown_update_of_a_later_version_is_ignored(program: Program, server: FakeServer) -> None:
     def say_news(stream: object, told: object) -> None:
         news = session_pb2.SessionUpdate(session=1)
-        news.MergeFromString(b"\xc2\x3e\x01x")  # a member that nobody knows yet
+        news.MergeFromString(b"\xc2\x3e\x01x")  # an unknown field
         server.stream.outgoing.put(service_pb2.StreamMotionResponse(updates=[news]))
 
-    play_up(server, say_news)
+    run_on_velocity(server, say_news)
     with character(program, server.address) as walker:
         walker.tell("wait 60")
         walker.hear("frame")
@@ -102,12 +102,10 @@ def test_an_update_of_a_later_version_is_passed_over(program: Program, server: F
         check_motion(walker)
 
 
-def test_a_plan_that_reaches_behind_the_playhead_changes_nothing_that_was_shown(
-    program: Program, server: FakeServer
-) -> None:
+def test_late_plan_changes_no_frame_that_was_shown(program: Program, server: FakeServer) -> None:
     def script(event: session_pb2.SessionEvent) -> str:
         if event.HasField("playhead"):
-            event.playhead.frame = min(event.playhead.frame, 10)  # it hears of no more, and promises little
+            event.playhead.frame = min(event.playhead.frame, 10)  # so that the server commits few frames
         if event.HasField("set_velocity"):
             server.stream.characters[1].sent_to = 20
             server.stream.announce(1, 20, session_pb2.PLAN_CAUSE_EDIT, (2,))
@@ -124,13 +122,13 @@ def test_a_plan_that_reaches_behind_the_playhead_changes_nothing_that_was_shown(
         walker.tell("velocity 0 1")
         assert walker.hear("edit")[2] == "OK"
         assert walker.place(40) == before
-        assert walker.place(41)[0] > before[0], "what was not shown yet is of the new plan"
+        assert walker.place(41)[0] > before[0], "frames not yet shown are of the new plan"
         walker.tell("stats")
         assert walker.hear("stats")[3] == "1"
         check_motion(walker)
 
 
-def test_a_paused_session_that_the_server_closes_says_so(program: Program, server: FakeServer) -> None:
+def test_paused_session_closed_by_the_server_reports_the_reason(program: Program, server: FakeServer) -> None:
     with character(program, server.address) as walker:
         walker.tell("wait 20")
         walker.hear("frame")
@@ -139,14 +137,14 @@ def test_a_paused_session_that_the_server_closes_says_so(program: Program, serve
         server.stream.push(1, closed=session_pb2.SessionClosed(reason=session_pb2.CLOSE_REASON_IDLE))
         assert walker.hear("closed")[1] == "IDLE"
         walker.tell("wait 100000")
-        assert walker.hear("frame")[2] == "IDLE", "who waits for a frame that never comes is told"
+        assert walker.hear("frame")[2] == "IDLE", "waiting for a frame that never comes ends with the reason"
         walker.tell("resume")
         assert "IDLE" in " ".join(walker.hear("refused"))
         check_motion(walker)
 
 
-class Silence(queue.Queue[service_pb2.StreamMotionResponse]):
-    """Gives nothing of what is put into it, until the end."""
+class DiscardingQueue(queue.Queue[service_pb2.StreamMotionResponse]):
+    """Discards what is put into it, except the end."""
 
     def get(self, block: bool = True, timeout: float | None = None) -> service_pb2.StreamMotionResponse:
         while (response := super().get(block, timeout)) is not None:
@@ -154,15 +152,13 @@ class Silence(queue.Queue[service_pb2.StreamMotionResponse]):
         return response
 
 
-def test_a_server_that_falls_silent_is_given_up_and_what_is_held_is_played(
-    program: Program, server: FakeServer
-) -> None:
+def test_silent_server_is_reconnected_to_and_held_frames_are_played(program: Program, server: FakeServer) -> None:
     def fall_silent(stream: FakeStream, told: object) -> None:
         waiting = stream.outgoing
-        stream.outgoing = Silence()
-        waiting.put(service_pb2.StreamMotionResponse())  # whoever waits for this waits for the other from now on
+        stream.outgoing = DiscardingQueue()
+        waiting.put(service_pb2.StreamMotionResponse())  # wakes the writer, which reads the other queue from now on
 
-    play_up(server, fall_silent)
+    run_on_velocity(server, fall_silent)
     with character(program, server.address, **NOTICES_SILENCE) as walker:
         walker.tell("wait 60")
         walker.hear("frame")
@@ -172,6 +168,6 @@ def test_a_server_that_falls_silent_is_given_up_and_what_is_held_is_played(
         _, first, exact = walker.hear("recovered")
         assert int(first) > 60
         assert exact == "0"
-        assert walker.hear("edit")[2] == "OK", "the other stream answers what the silent one did not"
+        assert walker.hear("edit")[2] == "OK", "the new stream answers what the silent one did not"
         walker.tell(f"wait {int(first) + 40}")
         assert walker.hear("frame")[2] == "OK"

@@ -1,4 +1,4 @@
-"""The C++ client and the real service over TLS, with tokens that are known, wrong, or expire."""
+"""The C++ client and the real service over TLS, with tokens that are valid, invalid or expire."""
 
 from __future__ import annotations
 
@@ -34,7 +34,9 @@ def play(walker: Character) -> None:
 
 
 @pytest.mark.parametrize("is_socket", [False, True], ids=["by TCP", "a socket of this machine"])
-async def test_a_token_goes_with_every_call_over_tls(program: Program, tmp_path: Path, is_socket: bool) -> None:
+async def test_client_certificate_and_token_admit_a_client_over_tls(
+    program: Program, tmp_path: Path, is_socket: bool
+) -> None:
     tenants = TenantsFile(tmp_path)
     shown = {
         "MOTIONGEN_CERTIFICATE": str(CERTIFICATES / "client.pem"),
@@ -54,7 +56,7 @@ async def test_a_token_goes_with_every_call_over_tls(program: Program, tmp_path:
         assert "no motiongen server answers" in await refusal(program, server, nobody)
 
 
-async def test_a_load_is_played_over_tls_with_a_token(program: Program, tmp_path: Path) -> None:
+async def test_load_program_runs_over_tls_with_a_token(program: Program, tmp_path: Path) -> None:
     tenants = TenantsFile(tmp_path)
     token_file = tmp_path / "token"
     token_file.write_text(tenants.one(), encoding="utf-8")
@@ -72,7 +74,7 @@ async def test_a_load_is_played_over_tls_with_a_token(program: Program, tmp_path
     assert not [name for name in told["counts"] if name.startswith("stream")]
 
 
-async def test_who_is_not_let_in_is_told_why_at_once(program: Program, tmp_path: Path) -> None:
+async def test_refused_client_reports_the_reason(program: Program, tmp_path: Path) -> None:
     tenants = TenantsFile(tmp_path)
     token = tenants.one("roles = ['metrics']")
     async with asyncio.timeout(LIMIT_S), served(tenants) as server:
@@ -85,7 +87,7 @@ async def test_who_is_not_let_in_is_told_why_at_once(program: Program, tmp_path:
 
 
 async def refusal(program: Program, server: LocalServer, variables: dict[str, str]) -> str:
-    """What the client says of why it does not connect."""
+    """The reason that the client gives for not connecting."""
 
     def connect() -> str:
         command, environment = [program("told_events"), server.address], {**os.environ, **variables}
@@ -96,35 +98,35 @@ async def refusal(program: Program, server: LocalServer, variables: dict[str, st
     return await asyncio.to_thread(connect)
 
 
-def put(file: Path, text: str) -> None:
-    """In one step: who reads it finds all of a text, or none."""
+def replace_at_once(file: Path, text: str) -> None:
+    """Replace a file in one step, so that a reader finds either the old or the whole new text."""
     beside = file.with_suffix(".next")
     beside.write_text(text, encoding="utf-8")
     beside.replace(file)
 
 
 @pytest.mark.parametrize("is_late", [False, True], ids=["at hand", "late"])
-async def test_a_session_outlives_its_token_where_there_is_a_next_one(
+async def test_session_continues_with_a_new_token_after_the_old_one_expires(
     program: Program, tmp_path: Path, is_late: bool
 ) -> None:
-    """is_late: at first there is none, and what gives it throws."""
+    """is_late: at first there is no new token, and the token function throws."""
     tenants, file = TenantsFile(tmp_path), tmp_path / "token"
     (old, old_hash), (new, new_hash) = new_token(), new_token()
     tenants.write(f"[tenants.a]\ntokens = [{{ hash = '{old_hash}', expires = {EXPIRES} }}, {{ hash = '{new_hash}' }}]")
-    put(file, old)
+    replace_at_once(file, old)
 
     def stream(address: str) -> None:
         with character(program, address, MOTIONGEN_TOKEN_FILE=str(file)) as walker:
             play(walker)
             tenants.wall = EXPIRES_AT - 5
             walker.hear("draining")
-            put(file, "" if is_late else new)
+            replace_at_once(file, "" if is_late else new)
             tenants.wall = EXPIRES_AT
             assert walker.hear("lost")[1] == "UNAUTHENTICATED"
             if is_late:
                 for _ in range(3):
                     walker.hear("no_token")
-                put(file, new)
+                replace_at_once(file, new)
             _, first, exact = walker.hear("recovered")
             assert exact == "1"
             walker.tell(f"wait {int(first) + 40}")
@@ -134,7 +136,7 @@ async def test_a_session_outlives_its_token_where_there_is_a_next_one(
         await asyncio.to_thread(stream, server.address)
 
 
-async def test_a_token_that_expires_ends_the_session(program: Program, tmp_path: Path) -> None:
+async def test_expired_token_without_a_new_one_ends_the_session(program: Program, tmp_path: Path) -> None:
     tenants = TenantsFile(tmp_path)
     token = tenants.one(expires=EXPIRES)
 

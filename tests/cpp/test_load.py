@@ -1,4 +1,4 @@
-"""motiongen-load: the load of `motiongen bench`, played by the C++ program and told in the same report."""
+"""motiongen-load: the load of `motiongen bench`, played by a C++ program with the same report."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def play(address: str, tmp_path: Path, name: str, *more: str) -> dict[str, Any]:
     return document
 
 
-def test_both_play_the_same_load_and_tell_it_alike(
+def test_cpp_and_python_generators_play_and_report_the_same_load(
     program: Callable[[str], Path], address: str, tmp_path: Path
 ) -> None:
     in_cpp = play(address, tmp_path, "cpp", "--program", str(program("motiongen-load")), "--processes", "2")
@@ -73,7 +73,7 @@ def test_both_play_the_same_load_and_tell_it_alike(
     for name in ("scenario", "load", "phases", "server", "machine"):
         assert in_cpp[name] == in_python[name]
     measured = range(4)
-    # What was intended: the same to the last edit. Of the second that is the tail, what comes late is not played.
+    # The intended load is the same to the last edit, but in the tail, edits that are late are not played.
     for name in ("opens", "edits"):
         ours, theirs = (each["by_second"][name] for each in (in_cpp, in_python))
         assert len(ours) == len(theirs)
@@ -85,13 +85,13 @@ def test_both_play_the_same_load_and_tell_it_alike(
             theirs = in_python["latencies_ms"][what][group]
             assert not (summary["count"] and theirs["count"]) or list(summary) == list(theirs)
     assert min(each["round_trip_ms"]["count"] for each in (in_cpp, in_python)) > 0
-    # how fast it went is the machine's affair: as much, within what others leave of it
+    # how much is played depends on the load of the machine: about as much in both
     for what in ("open_to_first_frame", "event_to_first_frame", "event_to_answer"):
         counts = [each["latencies_ms"][what]["all"]["count"] for each in (in_cpp, in_python)]
         assert min(counts) > max(counts) / 2 > 10
     due = [sum(each["by_second"]["due"]) for each in (in_cpp, in_python)]
     assert min(due) > max(due) / 2 > 100
-    # a moment at which all stood still is one sample among a hundred a second, of each process, however many streams
+    # one sample every 10 ms for each process, however many streams it has and however long it stalls
     for each in (in_cpp, in_python):
         assert 0 < each["generator"]["loop_lag_ms"]["count"] <= 2 * (100 * 3 + 1)
     against_us = ("refused", "stream", "protocol", "sessions_lost")
@@ -99,7 +99,7 @@ def test_both_play_the_same_load_and_tell_it_alike(
     assert {"chunk_slack/hero", "event_to_screen/passing", "write_wait/generator"} <= in_cpp["histograms"].keys()
 
 
-def test_a_server_that_goes_is_in_the_report(program: Callable[[str], Path]) -> None:
+def test_report_counts_sessions_lost_when_the_server_stops(program: Callable[[str], Path]) -> None:
     command = [program("motiongen-load")]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as load:
         assert load.stdin is not None
@@ -122,7 +122,9 @@ def test_a_server_that_goes_is_in_the_report(program: Callable[[str], Path]) -> 
     assert counts["sessions_opened"] == counts["opens_not_sent"] == counts["characters_without_a_frame"] == "1"
     (waited,) = (each for each in book["latencies"] if each["what"] == "open_to_first_frame")
     assert sum(map(int, waited["count"])) == 2
-    assert max(waited["value_us"]) == pytest.approx(1.5e6, rel=0.01), "who cannot be opened has waited to the end"
+    assert max(waited["value_us"]) == pytest.approx(1.5e6, rel=0.01), (
+        "a session that was not opened has waited to the end"
+    )
     assert sum(int(count) for name, count in counts.items() if name.startswith("sessions_lost: ")) == 1
 
 
@@ -142,7 +144,7 @@ def test_a_server_that_goes_is_in_the_report(program: Callable[[str], Path]) -> 
          '"report_hz": 4, "end_s": 1, "jitter_s": [0], "access": {"token": "abc"}}', "without TLS"),
     ],
 )  # fmt: skip
-def test_a_load_that_cannot_be_played_is_said_to_be(program: Callable[[str], Path], line: str, why: str) -> None:
+def test_invalid_load_fails_with_the_reason(program: Callable[[str], Path], line: str, why: str) -> None:
     done = subprocess.run(
         [program("motiongen-load")], input=line + "\n", stdout=subprocess.PIPE, text=True, check=False
     )

@@ -1,4 +1,4 @@
-"""motiongen-load and a server that does as tests wish: pings, words of a later version, calls that do not end."""
+"""motiongen-load and a fake server: pings, values of a later version, and calls that do not end."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.waiting import until
 
 Program = Callable[[str], Path]
 Message = dict[str, Any]
-PONG_LATE = 2  # by so many pings: more than two seconds, of which a count of nanoseconds in 32 bits has no room
+PONG_LATE = 2  # in pings: more than two seconds, too many nanoseconds for 32 bits
 
 
 class Play:
@@ -35,13 +35,13 @@ class Play:
         self._process.stdin.flush()
 
     def hear(self, kind: str) -> Any:
-        """What the next message of a kind says."""
+        """The content of the next message of a kind."""
         assert self._process.stdout is not None
         for line in self._process.stdout:
             message: Message = json.loads(line)
             if kind in message:
                 return message[kind]
-        raise AssertionError(f"it ended without {kind!r}")
+        raise AssertionError(f"it ended without printing {kind!r}")
 
     def end(self) -> None:
         assert self._process.wait() == 0
@@ -49,7 +49,7 @@ class Play:
 
 @contextmanager
 def playing(program: Program, server: FakeServer, **more: object) -> Iterator[Play]:
-    """A load on the server, which has said that it is ready."""
+    """A load on the server, once its program is ready."""
     message: Message = {"address": server.address, "num_processes": 1, "num_streams": 1, "max_request_bytes": 65536}
     message |= {"frame_rate": 20, "patch_frames": 4, "report_hz": 4, "measure_to_s": 3600, "end_s": 0.5}
     message |= {"groups": [{"name": "g", "prompts": ["walk"]}], "jitter_s": [0]}
@@ -78,15 +78,15 @@ def num_recorded(book: Message, what: str) -> int:
     return sum(int(count) for each in book["latencies"] if each["what"] == what for count in each["count"])
 
 
-def test_the_hello_which_waits_for_the_connection_is_no_write_that_waited(program: Program, server: FakeServer) -> None:
+def test_hello_is_not_counted_as_a_write_that_waited(program: Program, server: FakeServer) -> None:
     with playing(program, server) as play:
         go(play)
         book = play.hear("book")
         play.end()
-    assert num_recorded(book, "write_wait") == len(server.stream.pings) > 0, "nothing else was said"
+    assert num_recorded(book, "write_wait") == len(server.stream.pings) > 0, "nothing but pings was sent"
 
 
-def test_a_round_trip_of_seconds_is_told_as_it_was(program: Program, server: FakeServer) -> None:
+def test_round_trip_of_seconds_is_reported_without_overflow(program: Program, server: FakeServer) -> None:
     with playing(program, server, end_s=3600) as play:
         stream = server.stream
         stream.answers_pings = False
@@ -100,7 +100,7 @@ def test_a_round_trip_of_seconds_is_told_as_it_was(program: Program, server: Fak
         assert 0 <= told.nanos < 1_000_000_000
 
 
-def test_what_a_later_version_says_is_counted_by_its_number(program: Program, server: FakeServer) -> None:
+def test_unknown_enum_values_are_counted_by_their_number(program: Program, server: FakeServer) -> None:
     with playing(program, server, end_s=2, characters=[{"open_s": 0, "seed": "7"}, {"open_s": 0, "seed": "8"}]) as play:
         go(play)
         stream = server.stream
@@ -116,8 +116,8 @@ def test_what_a_later_version_says_is_counted_by_its_number(program: Program, se
     assert counts["sessions_lost: 99"] == "1"
 
 
-class Clinging(FakeServer):
-    """Says hello, and ends no call until it is let go of."""
+class NeverEnding(FakeServer):
+    """Says hello, and ends no call until let_go is set."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -134,8 +134,8 @@ class Clinging(FakeServer):
             pass
 
 
-def test_the_book_waits_for_no_server_that_does_not_end_its_calls(program: Program) -> None:
-    with Clinging() as server, playing(program, server, num_streams=3) as play:
+def test_report_does_not_wait_for_a_server_that_does_not_end_its_calls(program: Program) -> None:
+    with NeverEnding() as server, playing(program, server, num_streams=3) as play:
         go(play)
         book = play.hear("book")
         assert book["streams"] == 3
@@ -144,8 +144,8 @@ def test_the_book_waits_for_no_server_that_does_not_end_its_calls(program: Progr
         play.end()
 
 
-def test_the_failure_waits_for_none_either(program: Program) -> None:
-    with Clinging() as server, playing(program, server, num_streams=3) as play:
+def test_failure_does_not_wait_for_a_server_that_does_not_end_its_calls(program: Program) -> None:
+    with NeverEnding() as server, playing(program, server, num_streams=3) as play:
         play.say({"start_at_s": "soon"})
         assert "no moment to start at" in play.hear("failed")
         assert [call.is_active() for call in server.calls] == [True] * 3

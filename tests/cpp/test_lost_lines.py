@@ -1,4 +1,4 @@
-"""The C++ client and the real service with the line between them cut at two hundred moments."""
+"""The C++ client and the real service, with the connection between them cut at two hundred moments."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ NUM_CLIENTS, CHARACTERS_EACH, CUTS_EACH = 8, 2, 25
 
 @dataclass
 class Played:
-    """What one character was told and has shown.
+    """The edits that one character was sent, and the frames that it has shown.
 
     edits: (letters of the prompt, first frame, playhead at the answer). shown: of each frame its number and letters.
     """
@@ -35,7 +35,7 @@ class Played:
 
 
 def read(told: str) -> list[Played]:
-    """What `cut_lines` has told."""
+    """Parse the output of `cut_lines`."""
     played: dict[str, Played] = defaultdict(Played)
     for line in told.splitlines():
         kind, number, *values = line.split()
@@ -55,10 +55,10 @@ def read(told: str) -> list[Played]:
 
 
 def check(played: Played) -> None:
-    """Every frame is the one of its number, and shows the prompt that was answered last for it.
+    """Check that every frame has its own number, and the prompt that was answered last for it.
 
-    What was shown before an answer came that says otherwise shows what it showed. A frame that no span covers is made
-    without text: between two edits of one prompt of which the first waited, where the lead has become shorter since.
+    Frames shown before the answer came are not checked. A frame that no span covers is generated without text: between
+    two edits of one prompt, if the first waited and the lead has become shorter since.
     """
     num_checked = num_bare = 0
     for frame, (number, letters) in enumerate(played.shown):
@@ -71,11 +71,11 @@ def check(played: Played) -> None:
             continue
         assert letters == (in_force[-1][0] if in_force else len("first")), f"frame {frame}"
         num_checked += 1
-    assert num_checked > len(played.shown) // 3  # a line that is cut again before it has lasted is waited for longer
+    assert num_checked > len(played.shown) // 3  # delays grow if connections are cut again soon
     assert num_bare < len(played.shown) // 20
 
 
-async def test_lines_that_are_cut_at_two_hundred_moments_lose_nothing(
+async def test_two_hundred_lost_connections_lose_no_frame_or_event(
     program: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rng, taken = random.Random(11), Taken()
@@ -107,9 +107,9 @@ async def test_lines_that_are_cut_at_two_hundred_moments_lose_nothing(
     async with asyncio.timeout(LIMIT_S), LocalServer(facts=FACTS_AS_SERVED) as server:
         taken.watch(server, monkeypatch)
         clients = await asyncio.gather(*(one_client(server, seed) for seed in range(NUM_CLIENTS)))
-        assert len(taken.numbers) == NUM_CLIENTS * CHARACTERS_EACH, "no session was opened anew"
+        assert len(taken.numbers) == NUM_CLIENTS * CHARACTERS_EACH, "no session was reopened"
         for numbers in taken.numbers.values():
-            assert numbers == list(range(1, len(numbers) + 1)), "every event is taken once, in order"
+            assert numbers == list(range(1, len(numbers) + 1)), "every event is accepted once, in order"
     for played in (each for client in clients for each in client):
         assert len(played.edits) > 3
         check(played)

@@ -1,4 +1,4 @@
-"""The C++ client and a server that has no room: it goes to one that is named, where no session would lose its own."""
+"""The C++ client and a full server: it moves to a server that is named, if none of its sessions is open yet."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Program = Callable[[str], Path]
 
 @asynccontextmanager
 async def pair(named: Callable[[str], Iterable[Replica]]) -> AsyncIterator[tuple[LocalServer, LocalServer]]:
-    """A server with room for one session, which is taken, and one with room. named: what the first knows of it."""
+    """A server that is full with one session, and one with room. named: the servers that the first one names."""
     told = Told()
     first = LocalServer(
         facts=FACTS_AS_SERVED,
@@ -46,7 +46,7 @@ def by_address(address: str) -> list[Replica]:
     return [Replica("nobody", "127.0.0.1:1", "", {"fake": 0.9}), Replica("second", address, "", {"fake": 0.9})]
 
 
-async def test_it_goes_to_an_address_that_it_was_given(program: Program) -> None:
+async def test_refused_client_moves_to_a_named_address_that_it_was_given(program: Program) -> None:
     def play(address: str, other: str) -> None:
         with character(program, address, MOTIONGEN_OTHER=other) as walker:
             assert walker.hear("lost")[1] == "UNAVAILABLE"
@@ -59,8 +59,10 @@ async def test_it_goes_to_an_address_that_it_was_given(program: Program) -> None
 
 
 @pytest.mark.parametrize("named", [by_address, lambda _: [Replica("second", "", KEY, {"fake": 0.9})], lambda _: []])
-async def test_it_is_told_where_it_may_go_nowhere(program: Program, named: Callable[[str], Iterable[Replica]]) -> None:
-    """To no address that it was not given; and where no proxy chooses by keys, the same server is asked once more."""
+async def test_client_without_another_allowed_server_gets_the_refusal(
+    program: Program, named: Callable[[str], Iterable[Replica]]
+) -> None:
+    """It follows no address that it was not given; with a key but no proxy, it asks the same server once more."""
 
     def play(address: str) -> None:
         with character(program, address) as walker:
@@ -71,8 +73,8 @@ async def test_it_is_told_where_it_may_go_nowhere(program: Program, named: Calla
         assert second.service.num_streams == 0
 
 
-def test_it_goes_for_the_next_where_one_was_closed_before_it_was_refused(program: Program) -> None:
-    """The server refuses both: the first, which is closed by then, and the next, which may go elsewhere."""
+def test_closed_session_that_is_refused_does_not_keep_the_next_from_moving(program: Program) -> None:
+    """The server refuses the first session, which is closed by then, and the second, which may go elsewhere."""
     with FakeServer() as full, FakeServer() as other:
 
         def refuse(event: session_pb2.SessionEvent) -> session_pb2.EditOutcome | str:
@@ -82,7 +84,7 @@ def test_it_goes_for_the_next_where_one_was_closed_before_it_was_refused(program
                 full.stream.push(event.session, outcome=refused)
                 return "SESSION_NOT_OPEN"
             if event.HasField("open"):
-                return refused if event.session > 1 else session_pb2.EditOutcome()  # of the first it says nothing yet
+                return refused if event.session > 1 else session_pb2.EditOutcome()  # the first gets no answer yet
             return ""
 
         full.refuse = refuse

@@ -1,4 +1,4 @@
-"""The C++ client and two servers that share a store: what one held, the other goes on with, at another address."""
+"""The C++ client and two servers that share a store: one continues the sessions of the other, at another address."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ def short_delays(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 class Pair:
-    """The first server behind a line that can be lost, and the second."""
+    """A server behind a proxy that can cut its connections, and a second server."""
 
     def __init__(self, servers: tuple[LocalServer, LocalServer], proxy: TcpProxy) -> None:
         self.servers, self.proxy = servers, proxy
         self._loop = asyncio.get_running_loop()
 
-    def lose_the_first(self) -> None:
-        """From any thread: nobody reaches it any more. It lives on, and hears nothing of it."""
+    def disconnect_the_first(self) -> None:
+        """Make the first server unreachable. It keeps running, and does not notice. May be called from any thread."""
 
         def shut() -> None:
             self.proxy.is_shut = True
@@ -47,11 +47,14 @@ class Pair:
         self._loop.call_soon_threadsafe(shut)
 
     def cut(self) -> None:
-        """From any thread: every connection is lost."""
+        """Cut every connection. May be called from any thread."""
         self._loop.call_soon_threadsafe(self.proxy.cut)
 
-    def send_the_first_away(self, to: LocalServer | None = None) -> None:
-        """From any thread: it says goodbye, and ends its sessions. to: where new connections lead from then on."""
+    def drain_the_first(self, to: LocalServer | None = None) -> None:
+        """Have the first server say goodbye and end its sessions. May be called from any thread.
+
+        to: the server that new connections reach from then on.
+        """
 
         def drain() -> None:
             if to is not None:
@@ -71,7 +74,7 @@ async def pair(path: Path) -> AsyncIterator[Pair]:
 
 
 def begin(walker: Character) -> None:
-    """Play until the session outlives its server, and be told something."""
+    """Play until the session is stored, and make an edit."""
     while walker.hear("durability")[1] != "1":
         pass
     walker.tell("wait 60")
@@ -81,12 +84,12 @@ def begin(walker: Character) -> None:
 
 
 def check_all_there(walker: Character, to: int) -> None:
-    """Every frame up to `to` has come, in its place: the fake model writes its number into it."""
+    """Check that every frame up to `to` has come."""
     walker.tell(f"wait {to}")
     assert walker.hear("frame")[2] == "OK"
 
 
-async def test_another_address_goes_on_with_a_session_as_if_nothing_had_been(program: Program, tmp_path: Path) -> None:
+async def test_session_is_continued_exactly_at_another_address(program: Program, tmp_path: Path) -> None:
     def play(two: Pair) -> None:
         address, other = two.proxy.address, two.servers[1].address
         with character(program, address, MOTIONGEN_OTHER=other, MOTIONGEN_LOOKAHEAD="80") as walker:
@@ -94,31 +97,33 @@ async def test_another_address_goes_on_with_a_session_as_if_nothing_had_been(pro
             walker.tell("waypoint 400 1 2")
             assert walker.hear("edit")[2] == "OK"
             before = walker.place(40)
-            two.lose_the_first()
+            two.disconnect_the_first()
             assert walker.hear("lost")[1] == "UNAVAILABLE"
             walker.tell("prompt while there is no line")
             _, first, exact = walker.hear("recovered")
             assert exact == "1"
-            assert walker.hear("edit")[2] == "OK", "what was not answered there is answered here"
+            assert walker.hear("edit")[2] == "OK", "an edit unanswered by the first server is answered by the second"
             assert walker.place(40) == before
             check_all_there(walker, int(first) + 40)
             walker.tell("stats")
             assert walker.hear("stats")[4] == "1", "one recovery"
             walker.tell("close")
-            until(lambda: two.servers[1].engine.num_sessions == 0)  # while the line stays: it is closed, not kept
+            until(
+                lambda: two.servers[1].engine.num_sessions == 0
+            )  # while the connection stays: the session is closed, not kept
 
     async with pair(tmp_path) as two:
         await asyncio.to_thread(play, two)
 
 
-async def test_a_server_that_goes_away_leaves_its_session_to_the_next_address(program: Program, tmp_path: Path) -> None:
+async def test_session_of_a_draining_server_is_continued_at_the_next_address(program: Program, tmp_path: Path) -> None:
     def play(two: Pair) -> None:
         address, other = two.proxy.address, two.servers[1].address
         with character(program, address, MOTIONGEN_OTHER=other, MOTIONGEN_LOOKAHEAD="80") as walker:
             begin(walker)
-            two.send_the_first_away()
+            two.drain_the_first()
             walker.hear("draining")
-            two.lose_the_first()
+            two.disconnect_the_first()
             _, first, exact = walker.hear("recovered")
             assert exact == "1"
             check_all_there(walker, int(first) + 40)
@@ -127,11 +132,11 @@ async def test_a_server_that_goes_away_leaves_its_session_to_the_next_address(pr
         await asyncio.to_thread(play, two)
 
 
-async def test_a_server_that_goes_away_names_the_key_of_another(program: Program, tmp_path: Path) -> None:
-    """As behind a proxy: the address stays the same, and what follows carries that key."""
+async def test_session_is_continued_with_the_routing_key_named_in_a_goodbye(program: Program, tmp_path: Path) -> None:
+    """As behind a proxy: the address stays the same, and the next calls carry the named key."""
     stores = (SqliteStore(tmp_path / "one.sqlite", 60), SqliteStore(tmp_path / "one.sqlite", 60))
     directories = Told(), Told()
-    others = [OtherServers(each, clock=lambda: 0.0) for each in directories]  # what is known does not grow old
+    others = [OtherServers(each, clock=lambda: 0.0) for each in directories]  # so that its knowledge does not expire
     first, second = (
         LocalServer(facts=FACTS_AS_SERVED, snapshots=store, other_servers=known)
         for store, known in zip(stores, others, strict=True)
@@ -144,9 +149,9 @@ async def test_a_server_that_goes_away_names_the_key_of_another(program: Program
         def play() -> None:
             with character(program, proxy.address, MOTIONGEN_LOOKAHEAD="80") as walker:
                 begin(walker)
-                two.send_the_first_away(to=second)
+                two.drain_the_first(to=second)
                 walker.hear("draining")
-                two.cut()  # a proxy would lead calls of one connection to several servers
+                two.cut()  # a real proxy can lead calls of one connection to several servers
                 _, at, exact = walker.hear("recovered")
                 assert exact == "1"
                 check_all_there(walker, int(at) + 40)
@@ -156,7 +161,7 @@ async def test_a_server_that_goes_away_names_the_key_of_another(program: Program
         assert directories[1].own[-1].routing_key == KEY
 
 
-async def test_without_a_store_the_next_address_is_told_all_that_holds(program: Program) -> None:
+async def test_session_without_a_store_is_reopened_at_the_next_address(program: Program) -> None:
     def play(two: Pair) -> None:
         address, other = two.proxy.address, two.servers[1].address
         with character(program, address, MOTIONGEN_OTHER=other, MOTIONGEN_LOOKAHEAD="80") as walker:
@@ -167,7 +172,7 @@ async def test_without_a_store_the_next_address_is_told_all_that_holds(program: 
             placed = walker.hear("placed")
             walker.tell("velocity 0 1 seconds=1")
             assert walker.hear("edit")[2] == "OK"
-            two.lose_the_first()
+            two.disconnect_the_first()
             _, first, exact = walker.hear("recovered")
             assert exact == "0"
             assert int(first) <= int(placed[4])

@@ -1,4 +1,4 @@
-"""Frames that the C++ client takes sooner than they would be shown: what is asked for begins behind them."""
+"""Frames that the C++ client takes sooner than they would be shown: later edits take effect after them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.cpp.test_client import Character, character
 from tests.waiting import LIMIT_S
 
 Program = Callable[[str], Path]
-COMMITTED = 4  # frames that the fake server promises before it hears of a playhead
+COMMITTED = 4  # frames that the fake server commits before its first report of a playhead
 
 
 @pytest.fixture
@@ -29,7 +29,7 @@ def server() -> Iterator[FakeServer]:
 
 
 class Answers:
-    """The server's answers to velocities, which wait until they may go."""
+    """Holds back the server's answers to velocities until `let_go`."""
 
     def __init__(self, server: FakeServer) -> None:
         self._may_go = threading.Event()
@@ -68,7 +68,7 @@ def test_frames_that_an_unanswered_edit_may_replace_are_not_shown(program: Progr
         assert has_no_late_plan(walker)
 
 
-def test_who_waits_for_a_frame_waits_for_the_answer_too(program: Program, server: FakeServer) -> None:
+def test_waiting_for_a_frame_waits_for_unanswered_edits_too(program: Program, server: FakeServer) -> None:
     answers = Answers(server)
     with character(program, server.address, MOTIONGEN_CLOCK="manual") as walker:
         walker.tell(f"wait {LOOKAHEAD - 1}")
@@ -83,9 +83,7 @@ def test_who_waits_for_a_frame_waits_for_the_answer_too(program: Program, server
 
 
 @pytest.mark.parametrize("taken", [LEAD + 10, LOOKAHEAD - 1])
-def test_what_is_asked_for_begins_behind_the_frames_that_were_taken(
-    program: Program, server: FakeServer, taken: int
-) -> None:
+def test_edit_takes_effect_after_the_frames_that_were_taken(program: Program, server: FakeServer, taken: int) -> None:
     with character(program, server.address, MOTIONGEN_CLOCK="manual") as walker:
         walker.tell(f"wait {taken}")
         walker.hear("frame")
@@ -104,10 +102,10 @@ def test_what_is_asked_for_begins_behind_the_frames_that_were_taken(
 
 
 def test_a_server_in_real_time_replaces_no_frame_that_was_taken(program: Program, tmp_path: Path) -> None:
-    """The server of the other tests thinks a thousand times faster of its clients than real time is."""
+    """The server of the other tests allows for clients that play a thousand times faster than real time."""
     settings = ["--model", str(TINY_MODEL), "--text-encoder", "hashed", "--devices", "cpu:1"]
     settings += ["--profile-s", "0.3", "--admit-load", "1000", "--degrade", "false"]
-    test = "--gtest_filter=Stream.WhatIsToldWhileFramesAreTakenAsFastAsTheyComeReplacesNoneThatWasTaken"
+    test = "--gtest_filter=Stream.EditsWhileFramesAreTakenAsTheyComeReplaceNoTakenFrame"
     with ServerProcess(settings) as server:
         environment = {**os.environ, "MOTIONGEN_ADDRESS": server.address}
         subprocess.run([program("stream_tests"), "--gtest_brief=1", test], check=True, cwd=tmp_path, env=environment)

@@ -1,4 +1,4 @@
-"""How the C++ client reaches its server: sockets, proxies, metadata and options, and what is not sent."""
+"""The channel of the C++ client: sockets, proxies, metadata, options, and tokens that are not sent."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ def server() -> Iterator[FakeServer]:
 
 @pytest.fixture
 def by_proxy() -> Iterator[dict[str, str]]:
-    """Variables that name a proxy, which answers nobody."""
+    """Environment variables that name a proxy which never answers."""
     with socket.create_server(("127.0.0.1", 0)) as deaf:
         port = deaf.getsockname()[1]
         yield {"grpc_proxy": f"http://127.0.0.1:{port}", "no_grpc_proxy": "", "no_proxy": ""}
 
 
 def refusal(program: Program, address: str, **variables: str) -> str:
-    """What the client says of why it does not connect."""
+    """The reason that the client gives for not connecting."""
     done = subprocess.run(
         [program("told_events"), address],
         stdin=subprocess.DEVNULL,
@@ -50,7 +50,7 @@ def play(program: Program, address: str, **variables: str) -> None:
         assert walker.hear("frame")[2] == "OK"
 
 
-def test_a_token_crosses_no_network_in_plain_text(program: Program, server: FakeServer) -> None:
+def test_token_without_tls_is_refused_to_a_remote_address(program: Program, server: FakeServer) -> None:
     for address, others in (("motion.example:50051", ""), (server.address, "10.0.0.7:50051")):
         told = refusal(program, address, MOTIONGEN_TOKEN="secret", MOTIONGEN_OTHER=others)
         assert told.startswith("INVALID_INPUT tls: a token for ")
@@ -58,7 +58,7 @@ def test_a_token_crosses_no_network_in_plain_text(program: Program, server: Fake
     assert server.metadata == []
 
 
-def test_a_socket_of_this_machine_is_an_address(program: Program, tmp_path: Path) -> None:
+def test_client_connects_by_a_unix_socket_with_a_token(program: Program, tmp_path: Path) -> None:
     with FakeServer(listen=f"unix:{tmp_path / 's'}") as server:
         play(program, server.address, MOTIONGEN_TOKEN="secret")
         assert all(call["authorization"] == "Bearer secret" for call in server.metadata)
@@ -78,6 +78,8 @@ def test_metadata_and_options_reach_grpc(program: Program, server: FakeServer) -
         assert str(call["user-agent"]).endswith("game")
 
 
-def test_a_token_in_plain_text_goes_to_no_proxy(program: Program, server: FakeServer, by_proxy: dict[str, str]) -> None:
+def test_token_in_plain_text_is_not_sent_through_a_proxy(
+    program: Program, server: FakeServer, by_proxy: dict[str, str]
+) -> None:
     play(program, server.address, MOTIONGEN_TOKEN="secret", **by_proxy)
     play(program, server.address, MOTIONGEN_CHANNEL_OPTIONS="grpc.enable_http_proxy=0", **by_proxy)

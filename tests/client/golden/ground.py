@@ -35,7 +35,7 @@ GROUNDS: dict[str, Heights] = {
 
 
 def walk() -> Motion:
-    """The walk as in the file: rounded."""
+    """The walk, rounded as in the file."""
     rows = walking(RIG, FRAMES, speed_mps=1.0).rows
     return Motion(RIG, 0, np.array([[float(f"{value:.6g}") for value in row] for row in rows], np.float32))
 

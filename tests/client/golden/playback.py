@@ -50,7 +50,7 @@ class Script:
             yield f"sample {self.now_s:.9f}"
 
     def loss(self) -> Iterator[str]:
-        """It plays on; then one plan for all that were missed, and a cut that is known by its answer."""
+        """Playback continues; then one plan comes for all that were missed, and a cut known from its outcome."""
         yield from self.wait(self.draw.randint(2, 15))
         back = self.draw.randint(2, 8)
         self.plan += 1

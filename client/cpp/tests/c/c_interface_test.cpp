@@ -31,13 +31,13 @@ motiongen_error refusal_of(const motiongen_client_options& options) {
   return error;
 }
 
-TEST(CInterface, SaysWhatIsWrong) {
+TEST(CInterface, RefusedOptionsReportReasonAndMessage) {
   const motiongen_error error = refusal_of(options_for("nowhere"));
   EXPECT_STREQ(error.reason, "INVALID_INPUT");
   EXPECT_NE(std::strstr(error.message, "host:port"), nullptr);
 }
 
-TEST(CInterface, RefusesATokenThatNoHeaderMayHave) {
+TEST(CInterface, InvalidTokenIsRefusedWithoutPrintingIt) {
   motiongen_client_options options = options_for("localhost:1");
   options.token = "abc\n";
   const motiongen_error error = refusal_of(options);
@@ -45,14 +45,14 @@ TEST(CInterface, RefusesATokenThatNoHeaderMayHave) {
   EXPECT_EQ(std::strstr(error.message, "abc"), nullptr) << "it is secret";
 }
 
-TEST(CInterface, ATokenCrossesNoNetworkInPlainText) {
+TEST(CInterface, TokenWithoutTlsIsRefusedToARemoteAddress) {
   motiongen_client_options options = options_for("10.0.0.7:50051");
   options.token = "abc";
   const motiongen_error error = refusal_of(options);
   EXPECT_NE(std::strstr(error.message, "without TLS"), nullptr) << error.message;
 }
 
-TEST(CInterface, AsksForTheToken) {
+TEST(CInterface, TokenSourceIsCalledAndItsFailuresAreReported) {
   motiongen_client_options options = options_for("localhost:1");
   options.connect_timeout_s = 0.01;
   int asked = 0;
@@ -81,7 +81,7 @@ TEST(CInterface, AsksForTheToken) {
             std::string::npos);
 }
 
-TEST(CInterface, WritesNoFurtherThanTheCallersStructGoes) {
+TEST(CInterface, WritesOnlyWithinTheCallersStructSize) {
   motiongen_client_options options = options_for("nowhere");
   motiongen_error error;
   std::memset(&error, 'x', sizeof error);
@@ -93,7 +93,7 @@ TEST(CInterface, WritesNoFurtherThanTheCallersStructGoes) {
   EXPECT_EQ(error.reason[0], 'x');
 }
 
-TEST(CInterface, ReadsNoFurtherThanTheCallersStructGoes) {
+TEST(CInterface, ReadsOnlyWithinTheCallersStructSize) {
   motiongen_client_options options{};
   options.struct_size = offsetof(motiongen_client_options, token);
   options.address = "nowhere";
@@ -106,7 +106,7 @@ TEST(CInterface, ReadsNoFurtherThanTheCallersStructGoes) {
   EXPECT_FALSE(motiongen::c::read(&options, known));
 }
 
-TEST(CInterface, TakesMissingPointers) {
+TEST(CInterface, NullPointersAreRefusedOrIgnored) {
   EXPECT_EQ(motiongen_client_connect(nullptr, nullptr, nullptr), MOTIONGEN_INVALID_ARGUMENT);
   EXPECT_EQ(motiongen_client_open(nullptr, nullptr, nullptr, nullptr), MOTIONGEN_INVALID_ARGUMENT);
   EXPECT_EQ(motiongen_session_set_prompt(nullptr, nullptr, nullptr, nullptr), MOTIONGEN_INVALID_ARGUMENT);
@@ -138,7 +138,7 @@ motiongen_target target_of(std::uint32_t form) {
   return target;
 }
 
-TEST(CInterface, ReadsATargetOfEveryForm) {
+TEST(CInterface, TargetsOfEveryFormAreReadAndOthersRefused) {
   const float positions[] = {1, 2, 3, 4, 5, 6};
   const float rotations[] = {1, 0, 0, 0, 0, 1, 0, 0};
   const std::uint32_t joints[] = {0, 5};
@@ -169,18 +169,18 @@ TEST(CInterface, ReadsATargetOfEveryForm) {
   EXPECT_EQ(motiongen::c::target_of(nullptr).status().code(), motiongen::Code::invalid_argument);
 }
 
-TEST(CInterface, RefusesAPromptWhoseVectorIsMissing) {
+TEST(CInterface, PromptWithAMissingEmbeddingIsRefused) {
   motiongen_prompt given{};
   given.struct_size = sizeof given;
   given.text = "a person walks";
   EXPECT_TRUE(motiongen::c::prompt_of(&given));
   given.num_embedding = 3;
   const auto refused = motiongen::c::prompt_of(&given);
-  EXPECT_EQ(refused.status().code(), motiongen::Code::invalid_argument) << "the text alone is another prompt";
+  EXPECT_EQ(refused.status().code(), motiongen::Code::invalid_argument) << "the text alone would be another prompt";
   EXPECT_NE(refused.status().message().find("embedding"), std::string::npos);
 }
 
-TEST(CInterface, HelpsEnginesWithoutASession) {
+TEST(CInterface, SteeringAndAxesWorkWithoutASession) {
   float x = 0;
   float z = 0;
   EXPECT_EQ(motiongen_stick_velocity(0, 1, 0, 3, 0.15F, &x, &z, nullptr), MOTIONGEN_OK);
@@ -198,7 +198,7 @@ TEST(CInterface, HelpsEnginesWithoutASession) {
   EXPECT_EQ(motiongen_axes_positions(9, ahead, out, 1, nullptr), MOTIONGEN_INVALID_ARGUMENT);
 }
 
-TEST(CInterface, CutsTextsBetweenCharacters) {
+TEST(CInterface, TooLongTextsAreCutBetweenCharacters) {
   char to[4];
   motiongen::c::copy_text("ab\xC3\xA9", to);
   EXPECT_STREQ(to, "ab");

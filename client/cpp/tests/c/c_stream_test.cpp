@@ -27,7 +27,7 @@ motiongen_session_options walking() {
   return character;
 }
 
-TEST(CStream, AFrameThatWasWaitedForIsShownWhateverWasToldJustBefore) {
+TEST(CStream, FrameThatWasWaitedForCanBeShownDespiteAnEditJustBefore) {
   motiongen_error error{};
   error.struct_size = sizeof error;
   motiongen_client* client = connected(&error);
@@ -47,7 +47,7 @@ TEST(CStream, AFrameThatWasWaitedForIsShownWhateverWasToldJustBefore) {
   motiongen_client_destroy(client);
 }
 
-TEST(CStream, ATextThatIsNotUtf8IsRefusedAndTheOthersPlay) {
+TEST(CStream, TextThatIsNotUtf8IsRefusedAndOtherSessionsPlay) {
   motiongen_error error{};
   error.struct_size = sizeof error;
   motiongen_client* client = connected(&error);
@@ -79,7 +79,7 @@ TEST(CStream, ATextThatIsNotUtf8IsRefusedAndTheOthersPlay) {
 
 double level(void* /*context*/, double /*x_m*/, double /*z_m*/) { return 0; }
 
-TEST(CStream, WhatHasNoRoomIsRefusedAndNothingIsLost) {
+TEST(CStream, WrongStructAndBufferSizesAreRefusedWithoutLosingEvents) {
   motiongen_error error{};
   error.struct_size = sizeof error;
   motiongen_client* client = connected(&error);
@@ -91,10 +91,10 @@ TEST(CStream, WhatHasNoRoomIsRefusedAndNothingIsLost) {
   ASSERT_EQ(motiongen_session_wait_frame(walker, 8, 60, &error), MOTIONGEN_OK) << error.message;
   ASSERT_EQ(motiongen_session_advance_to(walker, 4, &error), MOTIONGEN_OK) << error.message;
   motiongen_event event{};
-  EXPECT_EQ(motiongen_client_next_event(client, &event), 0) << "it says of no size";
+  EXPECT_EQ(motiongen_client_next_event(client, &event), 0) << "its struct_size is 0";
   event.struct_size = sizeof event;
   ASSERT_EQ(motiongen_client_next_event(client, &event), 1);
-  EXPECT_EQ(event.kind, uint32_t{MOTIONGEN_EVENT_OPENED}) << "it was not taken by the call before";
+  EXPECT_EQ(event.kind, uint32_t{MOTIONGEN_EVENT_OPENED}) << "the refused call before must not take it";
   motiongen_rig rig{};
   EXPECT_EQ(motiongen_session_rig(walker, &rig, &error), MOTIONGEN_INVALID_ARGUMENT);
   rig.struct_size = sizeof rig;
@@ -106,7 +106,7 @@ TEST(CStream, WhatHasNoRoomIsRefusedAndNothingIsLost) {
   ASSERT_EQ(motiongen_ground_create(walker, level, nullptr, &ground, &error), MOTIONGEN_OK) << error.message;
   std::vector<float> rows(std::size_t{4} * rig.row_floats);
   EXPECT_EQ(motiongen_session_sample_on_ground(walker, ground, rows.data(), rig.row_floats - 1, &error), 0);
-  EXPECT_EQ(error.code, MOTIONGEN_INVALID_ARGUMENT) << "it is a mistake, not a frame that has not come";
+  EXPECT_EQ(error.code, MOTIONGEN_INVALID_ARGUMENT) << "a mistake, not a frame that has not arrived";
   EXPECT_EQ(motiongen_session_sample_on_ground(walker, ground, rows.data(), rig.row_floats, &error), 1);
   motiongen_ground_destroy(ground);
 
@@ -120,7 +120,8 @@ TEST(CStream, WhatHasNoRoomIsRefusedAndNothingIsLost) {
   character.prior_rows = rows.data();
   character.num_prior_rows = 2;
   character.prior_row_floats = 2 * rig.row_floats;
-  EXPECT_EQ(motiongen_client_open(client, &character, &other, &error), MOTIONGEN_INVALID_ARGUMENT) << "no such rows";
+  EXPECT_EQ(motiongen_client_open(client, &character, &other, &error), MOTIONGEN_INVALID_ARGUMENT)
+      << "rows of another width";
   EXPECT_NE(std::strstr(error.message, "prior_row_floats"), nullptr) << error.message;
   character.num_prior_rows = 4;
   character.prior_row_floats = rig.row_floats;
@@ -160,7 +161,7 @@ double meet(void* context, double /*x_m*/, double /*z_m*/) {
   return 0;
 }
 
-TEST(CStream, TwoThreadsThatUseAGroundTakeTurns) {
+TEST(CStream, ThreadsThatUseOneGroundTakeTurns) {
   motiongen_error error{};
   error.struct_size = sizeof error;
   motiongen_client* client = connected(&error);
@@ -179,8 +180,8 @@ TEST(CStream, TwoThreadsThatUseAGroundTakeTurns) {
   std::vector<float> rows = meeting.rows;
   EXPECT_EQ(motiongen_ground_apply(meeting.ground, rows.data(), 1, &error), MOTIONGEN_OK) << error.message;
   meeting.second.join();
-  EXPECT_FALSE(meeting.have_met) << "they would compute with the same memory";
-  EXPECT_TRUE(meeting.is_inside) << "its turn comes";
+  EXPECT_FALSE(meeting.have_met) << "both would use the same memory at once";
+  EXPECT_TRUE(meeting.is_inside) << "the second thread gets its turn";
   motiongen_ground_destroy(meeting.ground);
   motiongen_session_destroy(walker);
   motiongen_client_destroy(client);

@@ -25,7 +25,7 @@ const std::vector<std::string> kFar = {"motion.example:50051",
                                        "dns:///motion.example:1",
                                        "127.0.0.1,10.0.0.7:1"};
 
-TEST(Address, IsHostAndPortOrASocket) {
+TEST(Address, MustBeHostAndPortOrUnixSocket) {
   for (const auto* addresses : {&kLocal, &kFar}) {
     for (const std::string& each : *addresses) EXPECT_TRUE(check_address("address", each)) << each;
   }
@@ -41,24 +41,24 @@ TEST(Address, IsHostAndPortOrASocket) {
   }
 }
 
-TEST(Address, IsOfThisMachineOrNot) {
+TEST(Address, LocalAddressesAreRecognised) {
   for (const std::string& each : kLocal) EXPECT_TRUE(is_local(each)) << each;
   for (const std::string& each : kFar) EXPECT_FALSE(is_local(each)) << each;
 }
 
-TEST(Address, ASocketOfThisMachineIsLocalhostToTls) {
+TEST(Address, UnixSocketIsLocalhostForTls) {
   EXPECT_EQ(name_for_tls("unix:motion.sock"), "localhost");
   EXPECT_EQ(name_for_tls("motion.example:50051"), "");
 }
 
 // The message with which `connect` refuses these options; empty if it fails for another reason.
 std::string refusal(ClientOptions options) {
-  options.connect_timeout_s = 0.01;  // nobody is there
+  options.connect_timeout_s = 0.01;  // no server listens there
   const Status refused = Client::connect(options).status();
   return refused.code() == Code::invalid_argument ? refused.message() : "";
 }
 
-TEST(Address, ATokenCrossesNoNetworkInPlainText) {
+TEST(Address, TokenWithoutTlsIsRefusedToARemoteAddress) {
   ClientOptions options;
   options.address = "10.0.0.7:50051";
   options.token = "secret";
@@ -76,10 +76,10 @@ TEST(Address, ATokenCrossesNoNetworkInPlainText) {
   EXPECT_EQ(refusal(options), "");
   options.tls = false;
   options.token_source = nullptr;
-  EXPECT_EQ(refusal(options), "") << "there is no token";
+  EXPECT_EQ(refusal(options), "") << "without a token";
 }
 
-TEST(Address, OptionsOfAChannelAreGrpcs) {
+TEST(Address, OnlyGrpcChannelOptionsAreAcceptedAndNoProxyWithAToken) {
   ClientOptions options;
   options.address = "localhost:1";
   options.channel_options = {{"grpc.max_send_message_length", 1 << 20}, {"grpc.secondary_user_agent", "game"}};

@@ -23,7 +23,7 @@ v1::SessionEvent prompt_of(std::size_t bytes) {
   return event;
 }
 
-TEST(Backlog, AnEventCountsUntilItIsAnsweredOrItsSessionEnds) {
+TEST(Backlog, EventCountsUntilItIsAnsweredOrItsSessionEnds) {
   const auto backlog = std::make_shared<Backlog>();
   std::optional<SessionBook> first(std::in_place, 1, v1::OpenSession(), backlog);
   SessionBook second(2, {}, backlog);
@@ -35,7 +35,7 @@ TEST(Backlog, AnEventCountsUntilItIsAnsweredOrItsSessionEnds) {
   EXPECT_TRUE(backlog->is_full());
   second.begin_stream();
   static_cast<void>(second.unanswered(0));
-  EXPECT_TRUE(backlog->is_full()) << "it was said again, and not answered";
+  EXPECT_TRUE(backlog->is_full()) << "it was sent again, but not answered";
   second.answer(1, std::nullopt);
   EXPECT_FALSE(backlog->is_full());
   second.add(event);
@@ -48,7 +48,7 @@ TEST(Backlog, AnEventCountsUntilItIsAnsweredOrItsSessionEnds) {
   EXPECT_FALSE(backlog->is_full());
 }
 
-TEST(Backlog, WhileTheLineIsLostNoMoreIsTakenOnThanIsKept) {
+TEST(Backlog, EditsBeyondTheBoundAreRefusedWhileDisconnected) {
   std::optional<ScriptedServer> server(std::in_place);
   const auto core = std::make_shared<ClientCore>(server->options());
   ASSERT_TRUE(core->connect());
@@ -66,7 +66,7 @@ TEST(Backlog, WhileTheLineIsLostNoMoreIsTakenOnThanIsKept) {
     const std::lock_guard<std::mutex> lock(session.value()->mutex);
     session.value()->end_as_wished(core->events());
   }
-  EXPECT_TRUE(core->edit(*other.value(), prompt_of(1))) << "what was for one that ended is not kept";
+  EXPECT_TRUE(core->edit(*other.value(), prompt_of(1))) << "edits of a session that ended no longer count";
   core->shut_down();
 }
 

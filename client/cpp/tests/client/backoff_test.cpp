@@ -7,7 +7,7 @@
 namespace motiongen {
 namespace {
 
-TEST(Backoff, GrowsWhileCallsComeToNothingHoweverOftenTheServerSaysHello) {
+TEST(Backoff, GrowsWhileCallsLastNoLongerThanOnePing) {
   Backoff backoff;
   double now_s = 100;
   double before_s = 0;
@@ -23,24 +23,24 @@ TEST(Backoff, GrowsWhileCallsComeToNothingHoweverOftenTheServerSaysHello) {
   EXPECT_EQ(before_s, Backoff::kMostS);
 }
 
-TEST(Backoff, BeginsAnewAfterACallThatProvedItself) {
+TEST(Backoff, StartsAgainAfterACallThatAnsweredTwoPings) {
   Backoff backoff;
   for (int call = 0; call < 30; ++call) static_cast<void>(backoff.next_s(100 + call));
   backoff.begin_call();
   backoff.note_pong();
   backoff.note_pong();
   EXPECT_EQ(backoff.next_s(200), Backoff::kFirstS);
-  EXPECT_GT(backoff.next_s(200), Backoff::kFirstS) << "the next one has not";
+  EXPECT_GT(backoff.next_s(200), Backoff::kFirstS) << "the next call has not answered two pings";
   for (int call = 0; call < 30; ++call) EXPECT_LE(backoff.next_s(202), Backoff::kMostSoonS);
 }
 
-TEST(Backoff, WaitsForWhatAServerAsksUpToAnHour) {
+TEST(Backoff, DelayAskedForByAServerIsBoundedToAnHour) {
   EXPECT_EQ(Backoff::bounded_s(7.5), 7.5);
   EXPECT_EQ(Backoff::bounded_s(-7.5), 0);
   EXPECT_EQ(Backoff::bounded_s(1e18), 3600);
 }
 
-TEST(Timeouts, AreBoundedByWhatAClockCanCount) {
+TEST(Timeouts, AreBoundedToWhatAClockCanCount) {
   EXPECT_EQ(bounded_s(HUGE_VAL), kLongestS);
   EXPECT_EQ(bounded_s(1e300), kLongestS);
   EXPECT_EQ(bounded_s(-1), 0);

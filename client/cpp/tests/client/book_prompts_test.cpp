@@ -1,4 +1,4 @@
-// Prompts of a session that is opened anew: one that has begun stays in force until its replacement begins.
+// Prompts of a session that is reopened: one that has begun stays in force until its replacement begins.
 #include <gtest/gtest.h>
 
 #include <string>
@@ -12,7 +12,7 @@ namespace {
 
 constexpr std::size_t kMostPrompts = 16;
 
-// A book opened with "walk", and the prompts that it gives a session opened anew at a frame.
+// A book opened with "walk", and the prompts that it gives a session reopened at a frame.
 struct Told {
   SessionBook book;
 
@@ -47,27 +47,27 @@ struct Told {
 
 using Spans = std::vector<std::string>;
 
-TEST(BookPrompts, OneThatHasBegunGoesOnUntilTheOneInItsPlace) {
+TEST(BookPrompts, PromptInForceContinuesUntilItsReplacementBegins) {
   Told told;
   told.take(1, "run", {200, {}, 10}, 200);
   EXPECT_EQ(told.from(150), (Spans{"walk 0 50", "run 50 0"}));
-  EXPECT_EQ(told.from(150, 1), (Spans{"run 50 0"})) << "what may be said is less";
+  EXPECT_EQ(told.from(150, 1), (Spans{"run 50 0"})) << "fewer prompts may be sent";
   EXPECT_EQ(told.from(200), (Spans{"run 0 0"}));
   told.take(1, "jump", {300, {}, 20}, 300);
   EXPECT_EQ(told.from(150), (Spans{"walk 0 150", "jump 150 0"})) << "\"run\" never began";
   told.take(1, "sit", {40, {}, 30});
-  EXPECT_EQ(told.from(35), (Spans{"walk 0 5", "sit 5 0"})) << "the answer names a frame that is to come";
+  EXPECT_EQ(told.from(35), (Spans{"walk 0 5", "sit 5 0"})) << "the answer names a frame still to come";
 }
 
-TEST(BookPrompts, OnesThatHaveEndedAreForgotten) {
+TEST(BookPrompts, PromptsThatHaveEndedAreForgotten) {
   Told told;
   told.take(2, "wave", {50, {}, 45}, 50, 60);
   EXPECT_EQ(told.from(50), (Spans{"walk 0 0", "wave 0 10"}));
   told.take(3, "nod", {80, {}, 70}, 80, 90);
-  EXPECT_EQ(told.from(50), (Spans{"walk 0 0", "nod 30 40"})) << "or a long session keeps them all";
+  EXPECT_EQ(told.from(50), (Spans{"walk 0 0", "nod 30 40"})) << "a long session would keep them all";
 }
 
-TEST(BookPrompts, AScheduledOneThatIsMovedAheadIsNotDroppedBeforeItHasBegunAgain) {
+TEST(BookPrompts, PromptMovedToALaterFrameIsNotDroppedBeforeItBeginsThere) {
   Told told;
   const std::uint32_t id = told.book.take_prompt_id();
   told.take(id, "run", {10, {}, 0}, 10);

@@ -26,7 +26,7 @@ v1::SessionEvent prompt_event(std::uint32_t id, const char* text, std::uint64_t 
   return event;
 }
 
-TEST(SessionBook, OpensAnewWithAllThatWasAcceptedCountedFromTheNewFrameZero) {
+TEST(SessionBook, ReopeningHasAllAcceptedEditsWithFramesFromTheNewStart) {
   SessionBook book = new_book();
   v1::SessionEvent later = prompt_event(2, "run", 90);
   EXPECT_EQ(book.add(later), 1U);
@@ -47,7 +47,7 @@ TEST(SessionBook, OpensAnewWithAllThatWasAcceptedCountedFromTheNewFrameZero) {
   EXPECT_EQ(open.prior_frames().data(), "rows");
 }
 
-TEST(SessionBook, LeavesOutWhatWasRefusedAndSendsAgainWhatWasNotAnswered) {
+TEST(SessionBook, RefusedEditsAreLeftOutAndUnansweredOnesSentAgain) {
   SessionBook book = new_book();
   v1::SessionEvent refused = prompt_event(2, "fly", 90);
   v1::SessionEvent open = prompt_event(3, "run", 90);
@@ -61,11 +61,11 @@ TEST(SessionBook, LeavesOutWhatWasRefusedAndSendsAgainWhatWasNotAnswered) {
   ASSERT_EQ(again.size(), 1U);
   EXPECT_EQ(again[0].event_seq(), 2U);
   EXPECT_EQ(again[0].edit_prompts().upsert(0).start_frame(), 30U);
-  EXPECT_EQ(book.answer(3, Taken{}), std::nullopt) << "the numbers of the stream before count no more";
+  EXPECT_EQ(book.answer(3, Taken{}), std::nullopt) << "numbers of the earlier stream do not count";
   EXPECT_EQ(book.answer(2, Taken{}), EditId{2});
 }
 
-TEST(SessionBook, CutsAPathWhereItHasBeenWalked) {
+TEST(SessionBook, TrajectoryIsCutToTheFramesAhead) {
   SessionBook book = new_book();
   v1::SessionEvent event;
   const RootTrajectory path{50, {0, 0, 1, 1, 2, 2, 3, 3}, {0.0F, 0.1F, 0.2F, 0.3F}, {}};
@@ -82,7 +82,7 @@ TEST(SessionBook, CutsAPathWhereItHasBeenWalked) {
   EXPECT_EQ(book.reopening(54, 8, "", kMostPrompts).constraints_size(), 1);
 }
 
-TEST(SessionBook, KnowsThePresentPromptAndThoseThatWereScheduled) {
+TEST(SessionBook, KnowsTheIdsOfPresentAndScheduledPrompts) {
   SessionBook book = new_book();
   const std::uint32_t scheduled = book.take_prompt_id();
   EXPECT_TRUE(book.knows_prompt(SessionBook::kPresentPrompt));
@@ -98,10 +98,10 @@ TEST(SessionBook, KnowsWhichScheduledPromptsHaveBegun) {
     book.answer(event.event_seq(), Taken{});
   }
   EXPECT_EQ(book.begun_prompts(40, true), (std::vector<std::uint32_t>{3}));
-  EXPECT_EQ(book.begun_prompts(40, false), (std::vector<std::uint32_t>{3, 2})) << "nothing was sent yet";
+  EXPECT_EQ(book.begun_prompts(40, false), (std::vector<std::uint32_t>{3, 2})) << "the removal has not been sent yet";
 }
 
-TEST(SessionBook, APromptThatIsBeingChangedIsNotTakenAwayOnceMore) {
+TEST(SessionBook, PromptWithAnUnansweredChangeIsNotRemovedAgain) {
   SessionBook book = new_book();
   for (int number = 0; number < 2; ++number) {
     v1::SessionEvent event = prompt_event(book.take_prompt_id(), "x", 10);
@@ -113,16 +113,17 @@ TEST(SessionBook, APromptThatIsBeingChangedIsNotTakenAwayOnceMore) {
   v1::SessionEvent replacement = prompt_event(3, "y", 300);
   v1::SessionEvent again = prompt_event(3, "z", 20);
   for (v1::SessionEvent* each : {&removal, &replacement, &again}) book.add(*each);
-  EXPECT_TRUE(book.begun_prompts(40, false).empty()) << "what is in their place is not known yet";
+  EXPECT_TRUE(book.begun_prompts(40, false).empty()) << "their changes are not answered yet";
   book.answer(removal.event_seq(), std::nullopt);
-  EXPECT_EQ(book.begun_prompts(40, false), (std::vector<std::uint32_t>{2})) << "it was refused: it still holds";
+  EXPECT_EQ(book.begun_prompts(40, false), (std::vector<std::uint32_t>{2}))
+      << "its removal was refused, so it is still there";
   book.answer(replacement.event_seq(), Taken{});
-  EXPECT_EQ(book.begun_prompts(40, false), (std::vector<std::uint32_t>{2})) << "another is still on its way";
+  EXPECT_EQ(book.begun_prompts(40, false), (std::vector<std::uint32_t>{2})) << "another change is unanswered";
   book.answer(again.event_seq(), Taken{});
   EXPECT_EQ(book.begun_prompts(40, false), (std::vector<std::uint32_t>{2, 3}));
 }
 
-TEST(SessionBook, APromptForAWhileIsNeverDroppedForAnother) {
+TEST(SessionBook, PromptWithAnEndIsNeverDroppedForAnother) {
   SessionBook book = new_book();
   v1::SessionEvent event = prompt_event(book.take_prompt_id(), "wave", 10, 90);
   book.add(event);
@@ -130,7 +131,7 @@ TEST(SessionBook, APromptForAWhileIsNeverDroppedForAnother) {
   EXPECT_TRUE(book.begun_prompts(40, false).empty());
 }
 
-TEST(SessionBook, WhatIsPutInThePlaceOfATargetIsHeldAlone) {
+TEST(SessionBook, ReplacedTargetIsNotKeptBesideItsReplacement) {
   SessionBook book = new_book();
   v1::SessionEvent event;
   *event.mutable_edit_constraints()->add_upsert() = convert::constraint(1, Waypoint{120, 7, 8, {}, {}});
@@ -142,7 +143,7 @@ TEST(SessionBook, WhatIsPutInThePlaceOfATargetIsHeldAlone) {
   EXPECT_EQ(open.constraints(0).waypoint().x(), 7);
 }
 
-TEST(SessionBook, WhatTheServerPlacedIsAskedForWhereItPutIt) {
+TEST(SessionBook, PlacedTargetIsSentWithTheFramesAndPlaceOfItsPlacement) {
   SessionBook book = new_book();
   v1::SessionEvent event;
   Target there = Waypoint{10, 1, 2, 0.5F, {}};
@@ -157,7 +158,7 @@ TEST(SessionBook, WhatTheServerPlacedIsAskedForWhereItPutIt) {
   placement.last_frame = 90;
   placement.anchor_x_m = 10;
   placement.anchor_z_m = 20;
-  placement.anchor_heading_rad = 1.57079632679F;  // it looks along +X, and its left is -Z
+  placement.anchor_heading_rad = 1.57079632679F;  // it faces +X, and its left is -Z
   book.answer(2, Taken{50, {placement}});
   const v1::OpenSession open = book.reopening(70, 8, "", kMostPrompts);
   ASSERT_EQ(open.constraints_size(), 2);
@@ -172,7 +173,7 @@ TEST(SessionBook, WhatTheServerPlacedIsAskedForWhereItPutIt) {
   EXPECT_EQ(book.reopening(91, 8, "", kMostPrompts).constraints_size(), 1);
 }
 
-TEST(SessionBook, OfAPathTheCornersAheadAreLeft) {
+TEST(SessionBook, PathKeepsOnlyTheCornersAhead) {
   SessionBook book = new_book();
   v1::SessionEvent event;
   *event.mutable_edit_constraints()->add_upsert() = convert::constraint(2, RootPath{{0, 1, 0, 2, 0, 4}, {}, {}, {}});
@@ -188,7 +189,7 @@ TEST(SessionBook, OfAPathTheCornersAheadAreLeft) {
   EXPECT_EQ(open.constraints(0).root_path().positions(1), 4);
 }
 
-TEST(SessionBook, SaysAgainWhatAnOpeningCannot) {
+TEST(SessionBook, VelocitiesAndCutsAheadAreRepeatedAfterReopening) {
   SessionBook book = new_book();
   v1::SessionEvent velocity;
   velocity.mutable_set_velocity()->set_z(1);
@@ -216,7 +217,7 @@ TEST(SessionBook, SaysAgainWhatAnOpeningCannot) {
   EXPECT_TRUE(book.unanswered(90).empty()) << "the velocity is over, the cut was shown";
 }
 
-TEST(SessionBook, CountsAFrameToGoBackToFromTheNewBeginning) {
+TEST(SessionBook, SeekFramesAreCountedFromTheNewStart) {
   SessionBook book = new_book();
   v1::SessionEvent seek;
   seek.mutable_seek()->set_frame(90);
@@ -228,7 +229,7 @@ TEST(SessionBook, CountsAFrameToGoBackToFromTheNewBeginning) {
   auto again = book.unanswered(65);
   ASSERT_EQ(again.size(), 2U);
   EXPECT_EQ(again[0].seek().frame(), 25U);
-  EXPECT_GT(again[1].seek().frame(), 1ULL << 50) << "where no rows stand for it, the server refuses it";
+  EXPECT_GT(again[1].seek().frame(), 1ULL << 50) << "without rows for it, the server is to refuse it";
   book.change_seeks([](v1::Seek& each) {
     if (each.frame() == 40) each.clear_frame();
   });
@@ -237,7 +238,7 @@ TEST(SessionBook, CountsAFrameToGoBackToFromTheNewBeginning) {
   EXPECT_EQ(again[1].seek().frame(), 0U);
 }
 
-TEST(SessionBook, RemembersThatItIsPaused) {
+TEST(SessionBook, AcceptedPauseIsRepeatedOnceAtEachReopening) {
   SessionBook book = new_book();
   v1::SessionEvent event;
   event.mutable_set_play_state()->set_state(v1::PLAY_STATE_PAUSED);
@@ -251,7 +252,7 @@ TEST(SessionBook, RemembersThatItIsPaused) {
     book.begin_stream();
     static_cast<void>(book.take_seq());
     const auto again = book.unanswered(0);
-    ASSERT_EQ(again.size(), 2U) << "the pause is told once";
+    ASSERT_EQ(again.size(), 2U) << "the pause is sent once";
     EXPECT_TRUE(again[0].has_set_play_state());
     EXPECT_EQ(again[1].event_seq(), 3U);
   }
@@ -260,7 +261,7 @@ TEST(SessionBook, RemembersThatItIsPaused) {
   EXPECT_EQ(book.answered_seq(), 2U);
 }
 
-TEST(SessionBook, RepeatsWhatWasNotAnsweredAsItWasWhereTheSessionGoesOn) {
+TEST(SessionBook, UnansweredEditsAreRepeatedUnchangedWhenTheSessionIsResumed) {
   SessionBook book = new_book();
   v1::SessionEvent first = prompt_event(2, "run", 90);
   v1::SessionEvent second = prompt_event(3, "wave", 95);
@@ -273,7 +274,7 @@ TEST(SessionBook, RepeatsWhatWasNotAnsweredAsItWasWhereTheSessionGoesOn) {
   EXPECT_EQ(book.answered_seq(), 2U);
 }
 
-TEST(SessionBook, NeverOpenedItOpensAsAtFirst) {
+TEST(SessionBook, SessionThatNeverOpenedIsOpenedUnchanged) {
   v1::OpenSession first;
   first.set_model_id("m");
   *first.add_prompts() = convert::span(1, Prompt("walk"), 0, 0);

@@ -15,7 +15,7 @@ Result<Metadata> made_with(const std::function<Token()>& source) {
   return CallMetadata(options).make("key");
 }
 
-TEST(CallMetadata, HasTheTokenTheKeyAndTheWordsOfTheApplication) {
+TEST(CallMetadata, HasTokenRoutingKeyAndTheApplicationsMetadata) {
   ClientOptions options;
   options.metadata = {{"x-route", "blue"}};
   EXPECT_EQ(CallMetadata(options).make("").value(), (Metadata{{"x-route", "blue"}}));
@@ -24,7 +24,7 @@ TEST(CallMetadata, HasTheTokenTheKeyAndTheWordsOfTheApplication) {
             (Metadata{{"x-route", "blue"}, {"x-motiongen-key", "key"}, {"authorization", "Bearer secret"}}));
 }
 
-TEST(CallMetadata, AsksForTheTokenWithEveryCall) {
+TEST(CallMetadata, TokenSourceIsCalledForEveryCall) {
   ClientOptions options;
   int asked = 0;
   options.token_source = [&asked] { return "t" + std::to_string(++asked); };
@@ -34,7 +34,7 @@ TEST(CallMetadata, AsksForTheTokenWithEveryCall) {
   }
 }
 
-TEST(CallMetadata, SaysWhyThereIsNoToken) {
+TEST(CallMetadata, FailureOfTheTokenSourceIsReportedWithItsReason) {
   const auto locked = made_with([]() -> Token { return Status(Code::unauthenticated, "LOCKED", "nobody is here"); });
   EXPECT_EQ(locked.status().code(), Code::unauthenticated);
   EXPECT_EQ(locked.status().reason(), "TOKEN_SOURCE");
@@ -48,7 +48,7 @@ TEST(CallMetadata, SaysWhyThereIsNoToken) {
   EXPECT_EQ(made_with([]() -> Token { return Status(); }).status().code(), Code::unavailable);
 }
 
-TEST(CallMetadata, RefusesATokenThatNoHeaderMayHave) {
+TEST(CallMetadata, InvalidTokenOfTheSourceIsRefusedWithoutPrintingIt) {
   for (const std::string token : {"", "abc\n", "a bc"}) {
     const auto refused = made_with([&token] { return token; });
     EXPECT_EQ(refused.status().code(), Code::invalid_argument);
@@ -57,7 +57,7 @@ TEST(CallMetadata, RefusesATokenThatNoHeaderMayHave) {
   }
 }
 
-TEST(CallMetadata, TakesKeysThatAreFree) {
+TEST(CallMetadata, ReservedAndInvalidKeysAndValuesAreRefused) {
   EXPECT_TRUE(check_metadata({}));
   EXPECT_TRUE(check_metadata({{"x-route", "blue"}, {"a_b.c-9", " ~"}}));
   for (const std::string key : {"", "Upper", "a b", "grpc-timeout", "a-bin", ":path", "te", "host", "content-type",
@@ -75,7 +75,7 @@ TEST(CallMetadata, TakesKeysThatAreFree) {
   }
 }
 
-TEST(CallMetadata, OfAClientIsCheckedAndHasOneToken) {
+TEST(CallMetadata, ConnectRefusesInvalidMetadataAndTwoTokens) {
   ClientOptions options;
   options.address = "localhost:1";
   options.metadata = {{"authorization", "Bearer secret"}};
@@ -87,7 +87,7 @@ TEST(CallMetadata, OfAClientIsCheckedAndHasOneToken) {
   options.token.clear();
   options.token_source = []() -> Token { throw std::runtime_error("the line is down"); };
   const Status refused = Client::connect(options).status();
-  EXPECT_EQ(refused.reason(), "TOKEN_SOURCE") << "who connects is told at once: " << refused.message();
+  EXPECT_EQ(refused.reason(), "TOKEN_SOURCE") << "connect fails at once: " << refused.message();
 }
 
 }  // namespace

@@ -15,7 +15,7 @@ namespace {
 constexpr double kLimitS = 60;
 constexpr double kAskTimeoutOfTestsS = 0.25;  // for a server that answers: if it takes longer, it is asked again
 
-TEST(Connecting, AServerThatTakesCallsAndSaysNothingKeepsNobodyFromTheOthers) {
+TEST(Connecting, SilentServersDoNotKeepAClientFromTheNextAddress) {
   ScriptedServer frozen;
   ScriptedServer silent;
   ScriptedServer well;
@@ -32,7 +32,7 @@ TEST(Connecting, AServerThatTakesCallsAndSaysNothingKeepsNobodyFromTheOthers) {
   core->shut_down();
 }
 
-TEST(Connecting, ThatNoServerAnswersIsSaidWithWhatToCheck) {
+TEST(Connecting, ErrorOfAServerThatDoesNotAnswerSaysWhatToCheck) {
   ClientOptions options;
   options.address = "127.0.0.1:1";
   options.connect_timeout_s = 0.2;
@@ -41,11 +41,11 @@ TEST(Connecting, ThatNoServerAnswersIsSaidWithWhatToCheck) {
     const std::string told = Client::connect(options).status().message();
     EXPECT_NE(told.find("both with TLS, or both without it?"), std::string::npos) << told;
     EXPECT_EQ(told.find("certificate") != std::string::npos, tls) << told;
-    EXPECT_LT(told.size(), sizeof(motiongen_error::message)) << "C programs would get a part of it";
+    EXPECT_LT(told.size(), sizeof(motiongen_error::message)) << "C programs would get only a part of it";
   }
 }
 
-TEST(Connecting, AClipIsMadeByAModelThatWasLoadedSince) {
+TEST(Connecting, ClipCanUseAModelThatWasLoadedSince) {
   ScriptedServer server;
   std::atomic<bool> is_loaded{false};
   server.add_to_catalog = [&](v1::GetCatalogResponse& catalog) {

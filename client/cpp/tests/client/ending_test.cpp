@@ -25,7 +25,7 @@ SessionOptions big() {
   return options;
 }
 
-TEST(Ending, ASessionThatOpensWhileTheLineIsLostForGoodEndsTooOrIsRefused) {
+TEST(Ending, SessionOpenedWhileTheConnectionIsLostForGoodEndsOrIsRefused) {
   const SessionOptions wanted = big();
   for (int trial = 0; trial < 10; ++trial) {
     ScriptedServer server;
@@ -47,13 +47,13 @@ TEST(Ending, ASessionThatOpensWhileTheLineIsLostForGoodEndsTooOrIsRefused) {
     for (Session& session : sessions) {
       const auto told = session.wait_open(kLimitS);
       ASSERT_FALSE(told);
-      ASSERT_NE(told.status().reason(), "TIMEOUT") << "nobody ends it";
+      ASSERT_NE(told.status().reason(), "TIMEOUT") << "the session never ended";
     }
     EXPECT_EQ(client->open(wanted).status().reason(), "CLIENT_CLOSED");
   }
 }
 
-TEST(Ending, AClientMayBeDestroyedWhileItReconnectsAndOthersWaitOnItsSessions) {
+TEST(Ending, ClientMayBeDestroyedWhileItReconnectsAndThreadsWait) {
   for (int trial = 0; trial < 10; ++trial) {
     ScriptedServer server;
     server.hear = [](const v1::SessionEvent& event, ScriptedServer::Stream& stream) {
@@ -106,7 +106,7 @@ struct Moment {
   }
 };
 
-TEST(Ending, AClientMayBeDestroyedWhileAnotherThreadHasItMakeAClip) {
+TEST(Ending, ClientMayBeDestroyedWhileAnotherThreadGeneratesAClip) {
   ScriptedServer server;
   server.add_to_catalog = [](v1::GetCatalogResponse& catalog) {
     catalog.mutable_limits()->set_max_clip_frames(10);
@@ -131,8 +131,8 @@ TEST(Ending, AClientMayBeDestroyedWhileAnotherThreadHasItMakeAClip) {
   client.reset();
   moment.destroyed.set_value();
   making.join();
-  EXPECT_TRUE(moment.is_whole) << "what it makes the clip with is gone";
-  EXPECT_TRUE(moment.witness.expired()) << "and is not once it has been made";
+  EXPECT_TRUE(moment.is_whole) << "the client was destroyed while it generated the clip";
+  EXPECT_TRUE(moment.witness.expired()) << "the client is destroyed after the clip";
 }
 
 }  // namespace

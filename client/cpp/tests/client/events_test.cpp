@@ -7,7 +7,7 @@
 namespace motiongen {
 namespace {
 
-TEST(EventsDeathTest, ACallbackThatThrowsEndsTheProgramAndLeavesNobodyWaiting) {
+TEST(EventsDeathTest, CallbackThatThrowsEndsTheProgramWithItsMessage) {
   EventQueue events([](const Event&) { throw std::runtime_error("of the application"); });
   events.push(Event());
   const auto dispatch = [&events] {

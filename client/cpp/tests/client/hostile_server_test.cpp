@@ -23,7 +23,7 @@ v1::SessionUpdate opened_at(std::uint64_t start_frame, std::uint32_t lookahead) 
   return update;
 }
 
-TEST(HostileServer, ASessionBeginsWhereFramesCanBeCounted) {
+TEST(HostileServer, SessionWithATooLargeStartFrameOrLookAheadIsClosed) {
   for (const auto& [start, lookahead, fits] : {std::tuple<std::uint64_t, std::uint32_t, bool>{0, 80, true},
                                                {kLastFrame - 100, 80, true},
                                                {kLastFrame + 1, 80, false},
@@ -35,11 +35,11 @@ TEST(HostileServer, ASessionBeginsWhereFramesCanBeCounted) {
     stage.hear(opened_at(start, lookahead));
     EXPECT_EQ(stage.state.phase, fits ? Phase::open : Phase::closed) << start << " " << lookahead;
     EXPECT_EQ(stage.state.ended.reason(), fits ? "" : "PROTOCOL_VIOLATION");
-    EXPECT_EQ(stage.num_closed(), fits ? 0 : 1) << "it is told";
+    EXPECT_EQ(stage.num_closed(), fits ? 0 : 1) << "the application gets a closed event";
   }
 }
 
-TEST(HostileServer, ASessionIsOpenedOnceForEachTimeThatItAsks) {
+TEST(HostileServer, SecondOpenedMessageClosesTheSession) {
   Stage stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.open();
@@ -48,16 +48,16 @@ TEST(HostileServer, ASessionIsOpenedOnceForEachTimeThatItAsks) {
   stage.open();
   stage.hear_opened();
   ASSERT_EQ(stage.state.phase, Phase::open);
-  stage.hear_opened("another");  // perhaps with another look-ahead and another name, which must not be applied
+  stage.hear_opened("another");  // nothing that it says, such as another token, must be applied
   EXPECT_EQ(stage.state.phase, Phase::closed);
   EXPECT_EQ(stage.state.ended.reason(), "PROTOCOL_VIOLATION");
-  EXPECT_EQ(stage.num_closed(), 1) << "it is told";
+  EXPECT_EQ(stage.num_closed(), 1) << "the application gets a closed event";
   EXPECT_EQ(stage.sent(v1::SessionEvent::kClose).size(), 1U);
   stage.hear_opened();  // crossed the session's end
   EXPECT_EQ(stage.num_closed(), 0);
 }
 
-TEST(HostileServer, WhatIsKeptFreeForFramesIsBoundedWhateverIsAnnounced) {
+TEST(HostileServer, ReservedMemoryIsBoundedWhateverLookAheadIsAnnounced) {
   Catalog known = catalog();
   known.rigs[0].blocks.push_back({"wide", 16000});
   known.models[0].horizon_frames = 0xFFFFFFFF;
@@ -69,7 +69,7 @@ TEST(HostileServer, WhatIsKeptFreeForFramesIsBoundedWhateverIsAnnounced) {
   EXPECT_EQ(stage.state.phase, Phase::open) << stage.state.ended.message();
 }
 
-TEST(HostileServer, AHistoryThatNoMessageHoldsIsCutToWhatOneDoes) {
+TEST(HostileServer, HistoryOfAReopenedSessionIsCutToFitOneMessage) {
   Stage stage;
   stage.known.models[0].default_history_frames = 0xFFFFFFFF;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
@@ -89,7 +89,7 @@ TEST(HostileServer, AHistoryThatNoMessageHoldsIsCutToWhatOneDoes) {
   }
 }
 
-TEST(HostileServer, NoLimitIsTakenForMoreThanIsEverPutTogether) {
+TEST(HostileServer, MaxRequestBytesOfAServerIsCapped) {
   v1::GetCatalogResponse message;
   message.add_models()->set_model_id("m");
   message.mutable_limits()->set_max_request_bytes(0xFFFFFFFF);
@@ -98,7 +98,7 @@ TEST(HostileServer, NoLimitIsTakenForMoreThanIsEverPutTogether) {
   EXPECT_LE(known.value()->limits.max_request_bytes, 1U << 26);
 }
 
-TEST(HostileServer, AsManyOtherServersAreAskedAsTheContractHas) {
+TEST(HostileServer, OnlyTheFirstThreeOtherServersAreRead) {
   v1::EditOutcome message;
   for (int number = 0; number < 1000; ++number) message.add_other_servers()->set_routing_key(std::to_string(number));
   const auto servers = convert::outcome(message).other_servers;
@@ -106,7 +106,7 @@ TEST(HostileServer, AsManyOtherServersAreAskedAsTheContractHas) {
   EXPECT_EQ(servers[2].routing_key, "2");
 }
 
-TEST(HostileServer, ARefusalForACenturyIsAskedAboutAgainAfterAnHour) {
+TEST(HostileServer, RetryDelayOfARefusalIsCappedAtAnHour) {
   Stage stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.open();
@@ -119,10 +119,10 @@ TEST(HostileServer, ARefusalForACenturyIsAskedAboutAgainAfterAnHour) {
   update.mutable_outcome()->mutable_retry_after()->set_seconds(3'000'000'000);
   stage.hear(update);
   EXPECT_EQ(stage.state.phase, Phase::waiting);
-  EXPECT_EQ(stage.state.retry_at_s, 3600) << "heard at 0 s";
+  EXPECT_EQ(stage.state.retry_at_s, 3600) << "the refusal came at 0 s";
 }
 
-TEST(HostileServer, AnUpdateThatCannotBeReadEndsTheStreamAndIsNotPassedOver) {
+TEST(HostileServer, MalformedUpdateEndsTheStreamWithProtocolViolation) {
   ScriptedServer server;
   server.hear = [](const v1::SessionEvent& event, ScriptedServer::Stream& stream) {
     if (!event.has_open()) return;
@@ -138,7 +138,7 @@ TEST(HostileServer, AnUpdateThatCannotBeReadEndsTheStreamAndIsNotPassedOver) {
   EXPECT_EQ(session->wait_open(60).status().reason(), "PROTOCOL_VIOLATION");
 }
 
-TEST(HostileServer, APongThatAnswersNoPingSaysNothingOfTheLine) {
+TEST(HostileServer, UnsolicitedPongDoesNotSetTheRoundTrip) {
   ScriptedServer server;
   server.hear = [](const v1::SessionEvent& event, ScriptedServer::Stream& stream) {
     if (!event.has_open()) return;
@@ -155,7 +155,7 @@ TEST(HostileServer, APongThatAnswersNoPingSaysNothingOfTheLine) {
   ASSERT_TRUE(session && session->wait_open(60));
   const double round_trip_s = client->stats().round_trip_s;
   EXPECT_GE(round_trip_s, 0);
-  EXPECT_LT(round_trip_s, 1e6) << "three centuries, it says";
+  EXPECT_LT(round_trip_s, 1e6) << "the pong claims three centuries";
 }
 
 // The parts of a clip of ten frames.
@@ -195,14 +195,14 @@ struct Parts {
   }
 };
 
-TEST(HostileServer, AClipIsOpenedOnce) {
+TEST(HostileServer, ClipOpenedTwiceIsAProtocolViolation) {
   Parts parts;
   ASSERT_TRUE(parts.open("r"));
   ASSERT_TRUE(parts.add(1));
-  EXPECT_EQ(parts.open("wide").reason(), "PROTOCOL_VIOLATION") << "the row before is narrower than those to come";
+  EXPECT_EQ(parts.open("wide").reason(), "PROTOCOL_VIOLATION") << "rows of this rig are wider than those before";
 }
 
-TEST(HostileServer, AClipHasNoMoreFramesThanWereAskedFor) {
+TEST(HostileServer, ClipWithMoreFramesThanRequestedIsAProtocolViolation) {
   Parts parts;
   ASSERT_TRUE(parts.open("r"));
   ASSERT_TRUE(parts.add(8));
@@ -211,14 +211,14 @@ TEST(HostileServer, AClipHasNoMoreFramesThanWereAskedFor) {
   EXPECT_EQ(parts.sample.clip.num_frames, 10U);
 }
 
-TEST(HostileServer, AClipHasOneSummaryOfTheTargetsAskedFor) {
+TEST(HostileServer, ClipWithTwoSummariesOrExtraResidualsIsAProtocolViolation) {
   Parts parts;
   EXPECT_EQ(parts.end(1).reason(), "PROTOCOL_VIOLATION");
   EXPECT_TRUE(parts.end(0));
   EXPECT_EQ(parts.end(0).reason(), "PROTOCOL_VIOLATION");
 }
 
-TEST(HostileServer, ARigIsLookedForOnlyWhereASessionOpens) {
+TEST(HostileServer, RepeatedOpenedMessagesRequestNoCatalogue) {
   ScriptedServer server;
   server.hear = [](const v1::SessionEvent& event, ScriptedServer::Stream& stream) {
     if (!event.has_open()) return;

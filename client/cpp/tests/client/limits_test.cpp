@@ -12,7 +12,7 @@
 namespace motiongen {
 namespace {
 
-TEST(Limits, ASessionTooBigForAMessageIsRefusedAndTheOthersPlay) {
+TEST(Limits, SessionTooBigForAMessageIsRefusedAndOthersPlay) {
   auto client = Client::connect(server());
   ASSERT_TRUE(client) << client.status().message();
   auto walker = client->open(walking());
@@ -26,7 +26,7 @@ TEST(Limits, ASessionTooBigForAMessageIsRefusedAndTheOthersPlay) {
   EXPECT_EQ(client->stats().reconnects, 0U);
 }
 
-TEST(Limits, WaitingMayLastForEver) {
+TEST(Limits, InfiniteTimeoutsAreAccepted) {
   ClientOptions options = server();
   options.connect_timeout_s = HUGE_VAL;
   auto client = Client::connect(options);
@@ -45,7 +45,7 @@ TEST(Limits, WaitingMayLastForEver) {
   EXPECT_EQ(walker->wait_frame(1000000, -1).code(), Code::deadline_exceeded);
 }
 
-TEST(Limits, WhatIsNoNumberIsRefused) {
+TEST(Limits, NanTimeoutsAreRefused) {
   auto client = Client::connect(server());
   ASSERT_TRUE(client) << client.status().message();
   auto walker = client->open(walking());
@@ -63,7 +63,7 @@ TEST(Limits, WhatIsNoNumberIsRefused) {
   EXPECT_EQ(Client::connect(options).status().code(), Code::invalid_argument);
 }
 
-TEST(Limits, FramesAreGatheredForAsLongAsIsSaid) {
+TEST(Limits, FlushIntervalOutOfRangeIsRefused) {
   for (const double wrong : {0.0, 0.004, 0.2, -1.0, std::nan("")}) {
     ClientOptions options = server();
     options.flush_interval_s = wrong;

@@ -70,7 +70,7 @@ class Beside {
   Result<Client> client_;
 };
 
-TEST(LostCall, NoOtherIsMadeBeforeAllSessionsHaveHeard) {
+TEST(LostCall, NextCallIsMadeOnlyAfterAllSessionsKnowOfTheLoss) {
   ScriptedServer server;
   const Beside beside;
   ASSERT_TRUE(beside.is_there());

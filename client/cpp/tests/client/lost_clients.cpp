@@ -41,7 +41,7 @@ struct Held {
   std::optional<Client> client;
 };
 
-// Open sessions without keeping their handles. Each is told of the loss between its report and the end of the call.
+// Open sessions without keeping their handles. Each learns of the loss between its report and the end of the call.
 bool open(Client& client, int sessions) {
   for (int number = 0; number < sessions; ++number) {
     if (!client.open({})) return false;

@@ -1,4 +1,4 @@
-// Targets of a session that is opened anew more than once are where the newest session has placed them.
+// Targets of a session that is reopened more than once are where the newest session has placed them.
 #include <gtest/gtest.h>
 
 #include "client/book.hpp"
@@ -25,7 +25,7 @@ Placement placement_of(std::uint32_t target, std::uint64_t first_frame, std::uin
   return placement;
 }
 
-TEST(PlacedAnew, ATargetIsWhereTheNewSessionHasPutIt) {
+TEST(PlacedAnew, TargetHasThePlacementOfTheNewestSession) {
   SessionBook book = opened_book();
   Target there = Waypoint{0, 5, 5, {}, {}};
   there.at_any_frame = true;
@@ -37,12 +37,12 @@ TEST(PlacedAnew, ATargetIsWhereTheNewSessionHasPutIt) {
   book.reopened(60, {placement_of(2, 60, 300)});
   book.forget_before(150);
   const v1::OpenSession again = book.reopening(200, 0, "", kMostPrompts);
-  ASSERT_EQ(again.constraints_size(), 1) << "it is still on its way";
+  ASSERT_EQ(again.constraints_size(), 1) << "the target is still ahead";
   EXPECT_EQ(again.constraints(0).constraint_id(), 2U);
   EXPECT_EQ(book.reopening(301, 0, "", kMostPrompts).constraints_size(), 0);
 }
 
-TEST(PlacedAnew, APathIsWalkedOnFromWhereItWas) {
+TEST(PlacedAnew, PathContinuesAtTheCornerThatWasReached) {
   SessionBook book = opened_book();
   v1::SessionEvent event;
   *event.mutable_edit_constraints()->add_upsert() =
@@ -58,7 +58,7 @@ TEST(PlacedAnew, APathIsWalkedOnFromWhereItWas) {
   rest.anchor_z_m = 2;
   book.reopened(60, {rest});
   ASSERT_EQ(left_at(65).positions_size(), 4);
-  EXPECT_EQ(left_at(65).positions(1), 3) << "neither back nor over a corner";
+  EXPECT_EQ(left_at(65).positions(1), 3) << "no corner is repeated or skipped";
   ASSERT_EQ(left_at(105).positions_size(), 2);
   EXPECT_EQ(left_at(105).positions(1), 4);
 }

@@ -1,4 +1,4 @@
-// A race that is there on purpose, with a thread of gRPC's: ThreadSanitizer has to tell of it, whatever is suppressed.
+// A deliberate race with one of gRPC's threads: ThreadSanitizer must report it, whatever is suppressed.
 #include <grpcpp/generic/generic_stub.h>
 #include <grpcpp/grpcpp.h>
 

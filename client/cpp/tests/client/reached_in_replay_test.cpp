@@ -1,4 +1,4 @@
-// Results that follow answers when a session resumes: of the target that has the id, or of one that it replaced.
+// Results of targets after a session resumes: of the one that has the id now, or of one that it replaced.
 #include <cstdint>
 #include <string>
 #include <utility>
@@ -41,13 +41,13 @@ struct Replacing : Stage {
     state.send_edit(std::move(event), outbox, events);
   }
 
-  // first_frame: of its placement; 0: the answer has none.
   void resume() {
     lose();
     open();
     hear_opened();
   }
 
+  // first_frame: of its placement; 0: the answer has none.
   void hear_answer(std::uint64_t seq, Code code = Code::ok, std::uint64_t first_frame = 0) {
     v1::SessionUpdate update;
     update.mutable_outcome()->set_effective_frame(kTakesEffectAt);
@@ -69,7 +69,7 @@ struct Replacing : Stage {
     hear(update);
   }
 
-  // One more of the plan.
+  // One more frame of the plan.
   void hear_frame() {
     const std::string row(state.rig.row_width * sizeof(float), '\0');
     const wire::Piece piece{reinterpret_cast<const std::uint8_t*>(row.data()), row.size()};
@@ -90,24 +90,24 @@ struct Replacing : Stage {
   }
 };
 
-TEST(ReachedInReplay, BehindTheAnswerOfAReplacementItIsOfTheTargetBefore) {
+TEST(ReachedInReplay, ResultAfterTheAnswerToAReplacementIsOfTheReplacedTarget) {
   for (const std::uint64_t placed_at : {0U, 40U}) {
     Replacing stage;
     const std::lock_guard<std::mutex> lock(stage.state.mutex);
     stage.set(placed_at == 0 ? 900 : 0, placed_at != 0);
-    stage.resume();  // with the news of the first, and the answer of the second, under way
+    stage.resume();  // while the result of the first and the answer to the second are under way
     stage.hear_answer(kSeqOfEdit + 1, Code::ok, placed_at);
     stage.hear_reached(30);
     EXPECT_FALSE(stage.state.reached_book.find(Replacing::kTarget));
-    EXPECT_TRUE(stage.state.book.expects(Replacing::kTarget)) << "a session opened anew must be told of it";
+    EXPECT_TRUE(stage.state.book.expects(Replacing::kTarget)) << "a reopened session must be sent it";
     stage.hear_reached(900);
     ASSERT_TRUE(stage.state.reached_book.find(Replacing::kTarget));
     EXPECT_FALSE(stage.state.book.expects(Replacing::kTarget));
-    EXPECT_EQ(stage.reported(), (std::vector<std::uint64_t>{30, 900})) << "the application hears both";
+    EXPECT_EQ(stage.reported(), (std::vector<std::uint64_t>{30, 900})) << "the application gets both";
   }
 }
 
-TEST(ReachedInReplay, ItIsOfNoneWhoseReplacementIsRefused) {
+TEST(ReachedInReplay, ResultOfAReplacedTargetIsNotOfItsReplacement) {
   Replacing stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.set(900);
@@ -116,7 +116,7 @@ TEST(ReachedInReplay, ItIsOfNoneWhoseReplacementIsRefused) {
   stage.set(50);
   stage.hear_reached(30);
   stage.hear_answer(kSeqOfEdit + 2, Code::failed_precondition);
-  EXPECT_FALSE(stage.state.reached_book.find(Replacing::kTarget)) << "the second applies, and is ahead";
+  EXPECT_FALSE(stage.state.reached_book.find(Replacing::kTarget)) << "the second is in force, and still ahead";
   EXPECT_TRUE(stage.state.book.expects(Replacing::kTarget));
 }
 
@@ -142,7 +142,7 @@ v1::Constraint earlier() {
   return made;
 }
 
-TEST(ReachedInReplay, ItIsOfTheTargetBeforeIfThePresentOneHasNoSuchFrame) {
+TEST(ReachedInReplay, ResultAtAFrameNotOfTheReplacementIsOfTheReplacedTarget) {
   const std::pair<v1::Constraint, std::uint64_t> cases[] = {
       {range(), 50}, {range(), 900}, {trajectory(), 60}, {earlier(), Replacing::kFormerAt - 2}};
   for (const auto& [constraint, reported_at] : cases) {
@@ -153,7 +153,7 @@ TEST(ReachedInReplay, ItIsOfTheTargetBeforeIfThePresentOneHasNoSuchFrame) {
     stage.hear_answer(kSeqOfEdit + 1);
     stage.hear_reached(Replacing::kFormerAt);
     EXPECT_FALSE(stage.state.reached_book.find(Replacing::kTarget));
-    EXPECT_TRUE(stage.state.book.expects(Replacing::kTarget)) << "a session opened anew must be told of it";
+    EXPECT_TRUE(stage.state.book.expects(Replacing::kTarget)) << "a reopened session must be sent it";
     stage.hear_reached(reported_at);
     const auto found = stage.state.reached_book.find(Replacing::kTarget);
     ASSERT_TRUE(found);
@@ -161,7 +161,7 @@ TEST(ReachedInReplay, ItIsOfTheTargetBeforeIfThePresentOneHasNoSuchFrame) {
   }
 }
 
-TEST(ReachedInReplay, OnceFramesHaveComeItIsOfThePresentTarget) {
+TEST(ReachedInReplay, ResultAfterNewFramesIsOfTheReplacement) {
   Replacing stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.set(range());
@@ -169,10 +169,10 @@ TEST(ReachedInReplay, OnceFramesHaveComeItIsOfThePresentTarget) {
   stage.hear_answer(kSeqOfEdit + 1);
   stage.hear_frame();
   stage.hear_reached(Replacing::kTakesEffectAt - 1);
-  EXPECT_TRUE(stage.state.reached_book.find(Replacing::kTarget)) << "none of the one before is to come";
+  EXPECT_TRUE(stage.state.reached_book.find(Replacing::kTarget)) << "no result of the replaced target can still come";
 }
 
-TEST(ReachedInReplay, ItIsOfThePresentTargetIfItsAnswerHadComeBefore) {
+TEST(ReachedInReplay, ResultIsOfAReplacementAnsweredBeforeTheLoss) {
   Replacing stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.set(range());

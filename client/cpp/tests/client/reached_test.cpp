@@ -60,37 +60,37 @@ struct Walking : Stage {
   }
 };
 
-TEST(Reached, OfATargetThatIsRefusedNobodyTells) {
+TEST(Reached, RefusedTargetHasARefusalUntilItIsReplaced) {
   Walking stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.hear_answer(stage.set(kTarget, 10), Code::failed_precondition);
   EXPECT_EQ(stage.refusal(), "FRAME_COMMITTED");
   stage.hear_answer(stage.set(kTarget, 100));
-  EXPECT_EQ(stage.refusal(), "") << "another is in its place";
+  EXPECT_EQ(stage.refusal(), "") << "the replacement has no refusal";
 }
 
-TEST(Reached, ARefusedReplacementLeavesWhatBecameOfTheOneBefore) {
+TEST(Reached, ResultStaysKnownWhenAReplacementIsRefused) {
   Walking stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.hear_answer(stage.set(kTarget, 10));
   stage.hear_reached(10);
   const std::uint64_t seq = stage.set(kTarget, 12);
-  EXPECT_FALSE(stage.state.reached_book.find(kTarget)) << "it may be of the next";
+  EXPECT_FALSE(stage.state.reached_book.find(kTarget)) << "the next result may be of the replacement";
   stage.hear_answer(seq, Code::failed_precondition);
   ASSERT_TRUE(stage.state.reached_book.find(kTarget));
   EXPECT_EQ(stage.state.reached_book.find(kTarget)->frame, 10U);
   EXPECT_EQ(stage.refusal(), "");
 }
 
-TEST(Reached, ATargetThatStaysInItsPlaceIsStillWaitedFor) {
+TEST(Reached, TargetAheadIsStillExpectedWhenAReplacementIsRefused) {
   Walking stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.hear_answer(stage.set(kTarget, 100));
   stage.hear_answer(stage.set(kTarget, 12), Code::failed_precondition);
-  EXPECT_EQ(stage.refusal(), "") << "the one before will be told of";
+  EXPECT_EQ(stage.refusal(), "") << "the target before is still ahead";
 }
 
-TEST(Reached, OfTwoReplacementsTheLastThatIsTakenCounts) {
+TEST(Reached, OnlyTheLastAcceptedOfTwoReplacementsCounts) {
   Walking stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.hear_answer(stage.set(kTarget, 10));
@@ -99,25 +99,25 @@ TEST(Reached, OfTwoReplacementsTheLastThatIsTakenCounts) {
   const std::uint64_t second = stage.set(kTarget, 100);
   stage.hear_answer(first, Code::failed_precondition);
   EXPECT_FALSE(stage.state.reached_book.find(kTarget));
-  EXPECT_EQ(stage.refusal(), "") << "the second is still on its way";
+  EXPECT_EQ(stage.refusal(), "") << "the second is unanswered";
   stage.hear_answer(second);
   EXPECT_FALSE(stage.state.reached_book.find(kTarget));
 }
 
-TEST(Reached, OldNewsIsNotOfTheTargetThatHasTheIdNow) {
+TEST(Reached, RepeatedResultIsNotTakenForThatOfTheReplacement) {
   Walking stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.hear_answer(stage.set(kTarget, 10));
   stage.hear_reached(10);
   stage.hear_answer(stage.set(kTarget, 60));
-  stage.hear_reached(10);  // told again, to a session that resumes
+  stage.hear_reached(10);  // repeated, as to a session that resumes
   EXPECT_FALSE(stage.state.reached_book.find(kTarget));
   stage.hear_reached(60);
   ASSERT_TRUE(stage.state.reached_book.find(kTarget));
   EXPECT_EQ(stage.state.reached_book.find(kTarget)->frame, 60U);
 }
 
-TEST(Reached, NewsThatCrossesAReplacementIsOfTheOneBefore) {
+TEST(Reached, ResultThatCrossesAReplacementBelongsToTheReplacedTarget) {
   for (const Code code : {Code::ok, Code::failed_precondition}) {
     Walking stage;
     const std::lock_guard<std::mutex> lock(stage.state.mutex);
@@ -129,7 +129,7 @@ TEST(Reached, NewsThatCrossesAReplacementIsOfTheOneBefore) {
   }
 }
 
-TEST(Reached, NewsOfAReplacementThatIsReplacedItselfIsNotOfTheLast) {
+TEST(Reached, ResultOfAReplacedReplacementIsNotOfTheLastTarget) {
   Walking stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.hear_answer(stage.set(kTarget, 10));
@@ -141,7 +141,7 @@ TEST(Reached, NewsOfAReplacementThatIsReplacedItselfIsNotOfTheLast) {
   EXPECT_FALSE(stage.state.reached_book.find(kTarget));
 }
 
-TEST(Reached, WhereAReplacementWasPutThatIsReplacedItselfIsNotWhereTheLastOneIs) {
+TEST(Reached, PlacementOfAReplacedReplacementIsNotOfTheLastTarget) {
   for (const Code code : {Code::ok, Code::failed_precondition}) {
     Walking stage;
     const std::lock_guard<std::mutex> lock(stage.state.mutex);
@@ -151,23 +151,23 @@ TEST(Reached, WhereAReplacementWasPutThatIsReplacedItselfIsNotWhereTheLastOneIs)
     const std::uint64_t second = stage.set(kTarget, 100);
     EXPECT_EQ(stage.placed_at(), 0U);
     stage.hear_answer(first, Code::ok, 40);
-    EXPECT_EQ(stage.placed_at(), 0U) << "the second is still on its way";
+    EXPECT_EQ(stage.placed_at(), 0U) << "the second is unanswered";
     stage.hear_answer(second, code);  // its frame was given, so it has no placement
     EXPECT_EQ(stage.placed_at(), code == Code::ok ? 0U : 40U);
   }
 }
 
-TEST(Reached, WhereTheTargetOfAnOldAnswerWasIsNotWhereItIsNow) {
+TEST(Reached, PlacementInARepeatedAnswerIsNotOfThePresentTarget) {
   Walking stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   const std::uint64_t first = stage.set(kTarget, 10);
   stage.hear_answer(first, Code::ok, 30);
   stage.hear_answer(stage.set(kTarget, 100));
-  stage.hear_answer(first, Code::ok, 30);  // told again, to a session that resumes
+  stage.hear_answer(first, Code::ok, 30);  // repeated, as to a session that resumes
   EXPECT_EQ(stage.placed_at(), 0U);
 }
 
-TEST(Reached, WhatPassedWhileTheLineWasLostIsToldOfByNoServer) {
+TEST(Reached, TargetThatPassedWhileDisconnectedIsRefusedAtReopening) {
   Walking stage("");
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.hear_answer(stage.set(kTarget, 10));
@@ -178,10 +178,10 @@ TEST(Reached, WhatPassedWhileTheLineWasLostIsToldOfByNoServer) {
   stage.hear_opened("");
   ASSERT_EQ(stage.state.phase, Phase::open);
   EXPECT_EQ(stage.refusal(kTarget), "FRAME_COMMITTED");
-  EXPECT_EQ(stage.refusal(2), "") << "the new session was told of it";
+  EXPECT_EQ(stage.refusal(2), "") << "it was sent to the new session";
 }
 
-TEST(Reached, WhatPassedBeforeItWasAnsweredIsRefusedHereAndNotAskedForAtOnce) {
+TEST(Reached, UnansweredEditThatPassedIsRefusedByTheClientAndNotSent) {
   Walking stage("");
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.hold(20);
@@ -192,7 +192,7 @@ TEST(Reached, WhatPassedBeforeItWasAnsweredIsRefusedHereAndNotAskedForAtOnce) {
   stage.open();
   stage.hear_opened("");
   const auto said = stage.sent(v1::SessionEvent::kEditConstraints);
-  ASSERT_EQ(said.size(), 1U) << "the server would have them met at its frame 0";
+  ASSERT_EQ(said.size(), 1U) << "the server would have the passed ones met at its frame 0";
   EXPECT_EQ(said[0].event_seq(), 2U);
   EXPECT_EQ(said[0].edit_constraints().upsert(0).constraint_id(), 2U);
   EXPECT_EQ(stage.refusal(kTarget), "FRAME_COMMITTED");
@@ -220,7 +220,7 @@ v1::SessionEvent two_targets() {
   return event;
 }
 
-TEST(Reached, OfAnEditThatPassedInPartTheRestIsSaidAndOfWhatPassedNobodyTells) {
+TEST(Reached, EditThatPassedInPartIsSentWithoutThePassedTargets) {
   for (const bool is_told_before : {true, false}) {
     Walking stage("");
     const std::lock_guard<std::mutex> lock(stage.state.mutex);
@@ -241,7 +241,7 @@ TEST(Reached, OfAnEditThatPassedInPartTheRestIsSaidAndOfWhatPassedNobodyTells) {
   }
 }
 
-TEST(Reached, APromptThatPassedIsRefusedWhateverWasToBeDroppedForIt) {
+TEST(Reached, PassedPromptIsRefusedAlthoughItsEditAlsoRemovesOne) {
   Walking stage("");
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.hold(20);
@@ -253,20 +253,20 @@ TEST(Reached, APromptThatPassedIsRefusedWhateverWasToBeDroppedForIt) {
   late.mutable_edit_prompts()->add_remove(2);
   *late.mutable_edit_prompts()->add_upsert() = convert::span(3, Prompt("wave"), 5, 15);
   const EditId edit = stage.state.send_edit(std::move(late), stage.outbox, stage.events);
-  EXPECT_TRUE(stage.sent().empty()) << "it would be answered by OK";
+  EXPECT_TRUE(stage.sent().empty()) << "the server would accept it";
   ASSERT_TRUE(stage.state.find_answer(edit));
   EXPECT_EQ(stage.state.find_answer(edit)->status.reason(), "FRAME_COMMITTED");
 }
 
-TEST(Reached, AReplacementThatIsNotTakenOnLeavesTheRefusalOfTheOneBefore) {
+TEST(Reached, RefusalStaysKnownWhenAReplacementIsNotAccepted) {
   ReachedBook book;
   book.refuse(kTarget, Status(Code::failed_precondition, "FRAME_COMMITTED", "too late"));
   book.forget(kTarget);
   book.settle(kTarget, false, true);
-  EXPECT_TRUE(book.find_refusal(kTarget)) << "who waits for it would wait for ever";
+  EXPECT_TRUE(book.find_refusal(kTarget)) << "else its waits would never end";
 }
 
-TEST(Reached, WhoWaitsHearsTheRefusal) {
+TEST(Reached, WaitEndsWithTheRefusal) {
   ScriptedServer server;
   server.hear = [](const v1::SessionEvent& event, ScriptedServer::Stream& stream) {
     if (!event.has_open() && !event.has_edit_constraints()) return;

@@ -1,4 +1,4 @@
-// What has no answer is said again at a pace that the server takes, and behind it what is said meanwhile.
+// Unanswered events are sent again within the server's rate limit, and new events after them.
 #include "client/repeating.hpp"
 
 #include <chrono>
@@ -38,7 +38,7 @@ Numbers from_to(std::uint64_t first, std::uint64_t last) {
   return numbers;
 }
 
-// An open session, at a server that takes so many events in a second.
+// An open session at a server with this rate limit, in events per second.
 struct Talking : Stage {
   explicit Talking(float per_second, const char* token = "t", SessionOptions options = {})
       : Stage({}, std::move(options)), token_(token) {
@@ -50,18 +50,18 @@ struct Talking : Stage {
 
   EditId edit(v1::SessionEvent event) { return state.send_edit(std::move(event), outbox, events); }
 
-  void ask_while_lost(int count) {
+  void edit_while_disconnected(int count) {
     lose();
     for (int time = 0; time < count; ++time) edit(prompt());
   }
 
-  // The session is resumed, or opened anew if it has no token.
-  void come_back() {
+  // The session is resumed, or reopened if it has no token.
+  void reconnect() {
     open();
     hear_opened(token_);
   }
 
-  // The numbers of the edits, and of the close, that have been said since this was last asked.
+  // The numbers of the edits, and of the close, that were sent since the last call.
   Numbers numbers() {
     Numbers found;
     for (const v1::SessionEvent& each : sent()) {
@@ -86,15 +86,15 @@ struct Talking : Stage {
   const char* token_;
 };
 
-TEST(Repeating, HalfOfASecondIsSaidAtOnceAndTheRestByAndBy) {
+TEST(Repeating, HalfASecondOfTheRateIsResentAtOnceAndTheRestPaced) {
   for (const char* token : {"t", ""}) {
     Talking stage(24, token);
     const std::lock_guard<std::mutex> lock(stage.state.mutex);
-    stage.ask_while_lost(20);
-    stage.come_back();
+    stage.edit_while_disconnected(20);
+    stage.reconnect();
     EXPECT_EQ(stage.numbers(), from_to(2, 13));
     stage.edit(prompt());
-    EXPECT_TRUE(stage.numbers().empty()) << "it waits behind them";
+    EXPECT_TRUE(stage.numbers().empty()) << "new edits wait behind the repeated ones";
     EXPECT_TRUE(stage.numbers_at(10).empty());
     EXPECT_TRUE(stage.numbers_at(10.125).empty());
     std::uint64_t said_to = 13;
@@ -104,44 +104,45 @@ TEST(Repeating, HalfOfASecondIsSaidAtOnceAndTheRestByAndBy) {
     }
     EXPECT_EQ(stage.numbers_at(20), Numbers{22});
     stage.edit(prompt());
-    EXPECT_EQ(stage.numbers(), Numbers{23}) << "at once";
+    EXPECT_EQ(stage.numbers(), Numbers{23}) << "sent at once";
   }
 }
 
-TEST(Repeating, AnyNumberIsSaidAtOnceToAServerThatNamesNone) {
+TEST(Repeating, AllEventsAreResentAtOnceToAServerWithoutARateLimit) {
   Talking stage(0);
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
-  stage.ask_while_lost(20);
-  stage.come_back();
+  stage.edit_while_disconnected(20);
+  stage.reconnect();
   EXPECT_EQ(stage.numbers(), from_to(2, 21));
 }
 
-TEST(Repeating, WhereTheLineIsLostMeanwhileItIsBegunAnewWithWhatHasNoAnswer) {
+TEST(Repeating, InterruptedResendingStartsAgainWithUnansweredEvents) {
   Talking stage(6);
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
-  stage.ask_while_lost(6);
-  stage.come_back();
+  stage.edit_while_disconnected(6);
+  stage.reconnect();
   EXPECT_EQ(stage.numbers(), from_to(2, 4));
   stage.hear_answer(2);
   stage.lose();
-  for (const double now_s : {10.0, 20.0, 30.0}) EXPECT_TRUE(stage.numbers_at(now_s).empty()) << "nobody hears it";
+  for (const double now_s : {10.0, 20.0, 30.0})
+    EXPECT_TRUE(stage.numbers_at(now_s).empty()) << "nothing is sent without a connection";
   stage.open();
-  EXPECT_TRUE(stage.numbers_at(40).empty()) << "the server has not said yet that it has the session";
+  EXPECT_TRUE(stage.numbers_at(40).empty()) << "the server has not confirmed the session yet";
   stage.hear_opened();
   EXPECT_EQ(stage.numbers(), from_to(3, 5));
 }
 
-TEST(Repeating, OneThatIsClosedSaysWhatIsLeftAndEnds) {
+TEST(Repeating, ClosingSendsTheRestAndThenTheClose) {
   Talking stage(6);
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
-  stage.ask_while_lost(6);
-  stage.come_back();
+  stage.edit_while_disconnected(6);
+  stage.reconnect();
   stage.state.send_close(stage.outbox);
-  EXPECT_EQ(stage.numbers(), from_to(2, 8)) << "a server refuses a close before its turn";
+  EXPECT_EQ(stage.numbers(), from_to(2, 8)) << "a server refuses a close out of order";
   EXPECT_TRUE(stage.numbers_at(10).empty());
 }
 
-TEST(Repeating, OfVelocitiesThatNoServerHasHeardTheNewestIsSaid) {
+TEST(Repeating, OnlyTheNewestOfUnsentVelocitiesIsSent) {
   Talking stage(60);
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.edit(velocity(0.5F));
@@ -151,12 +152,12 @@ TEST(Repeating, OfVelocitiesThatNoServerHasHeardTheNewestIsSaid) {
   stage.edit(prompt());
   const EditId last = stage.edit(velocity(2.5F));
   static_cast<void>(stage.sent());
-  stage.come_back();
+  stage.reconnect();
   std::vector<float> said;
   for (const v1::SessionEvent& each : stage.sent()) {
     if (!each.has_open()) said.push_back(each.set_velocity().x());
   }
-  EXPECT_EQ(said, (std::vector<float>{0.5F, 2, 0, 2.5F})) << "the first was heard, so it is said as it was";
+  EXPECT_EQ(said, (std::vector<float>{0.5F, 2, 0, 2.5F})) << "the first was sent before, so it is repeated unchanged";
   for (Event event; stage.events.take(event);) continue;
   stage.hear_answer(3, 10);
   Numbers answered;
@@ -168,15 +169,15 @@ TEST(Repeating, OfVelocitiesThatNoServerHasHeardTheNewestIsSaid) {
   }
   EXPECT_FALSE(stage.state.find_answer(last));
   stage.edit(velocity(3));
-  EXPECT_EQ(stage.numbers(), Numbers{6}) << "the one before was heard";
+  EXPECT_EQ(stage.numbers(), Numbers{6}) << "the one before was sent";
 }
 
-TEST(Repeating, AnEditThatIsRefusedHereIsNotAnsweredAsTheVelocitiesBesideIt) {
+TEST(Repeating, EditRefusedByTheClientDoesNotShareTheAnswerOfVelocities) {
   Talking stage(60, "");
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.hold(20);
   stage.lose();
-  stage.come_back();
+  stage.reconnect();
   stage.lose();
   stage.edit(velocity(1));
   v1::SessionEvent late;
@@ -184,7 +185,7 @@ TEST(Repeating, AnEditThatIsRefusedHereIsNotAnsweredAsTheVelocitiesBesideIt) {
   const EditId refused = stage.edit(std::move(late));
   stage.edit(velocity(2));
   static_cast<void>(stage.sent());
-  stage.come_back();
+  stage.reconnect();
   EXPECT_EQ(stage.numbers(), from_to(2, 3));
   stage.hear_answer(2);
   stage.hear_answer(3);
@@ -193,29 +194,29 @@ TEST(Repeating, AnEditThatIsRefusedHereIsNotAnsweredAsTheVelocitiesBesideIt) {
   EXPECT_EQ(num_answers, 1);
 }
 
-TEST(Repeating, ManyVelocitiesWithOneAnswerLeaveTheAnswersOfOtherEdits) {
+TEST(Repeating, ManyMergedVelocitiesDoNotDisplaceAnswersOfOtherEdits) {
   Talking stage(60);
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   const EditId before = stage.edit(prompt());
   stage.lose();
   const EditId first = stage.edit(velocity(1));
   for (int time = 0; time < 5000; ++time) stage.edit(velocity(2));
-  stage.come_back();
+  stage.reconnect();
   stage.hear_answer(2);
   stage.hear_answer(3);
   for (const EditId edit : {before, first, first + 5000}) EXPECT_TRUE(stage.state.find_answer(edit)) << edit;
 }
 
-TEST(Repeating, APlayheadThatTheApplicationMovesIsReportedWithWhatIsSaid) {
+TEST(Repeating, ManualPlayheadIsReportedOnceWithEachPartThatIsSent) {
   SessionOptions options;
   options.clock = Clock::manual;
   Talking stage(6, "t", options);
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
-  stage.ask_while_lost(6);
-  stage.come_back();
+  stage.edit_while_disconnected(6);
+  stage.reconnect();
   static_cast<void>(stage.sent());
   for (int time = 0; time < 20; ++time) stage.edit(prompt());
-  EXPECT_TRUE(stage.sent().empty()) << "reports count as edits do";
+  EXPECT_TRUE(stage.sent().empty()) << "reports count towards the rate as edits do";
   static_cast<void>(stage.numbers_at(10));
   stage.state.say_more(11, stage.outbox);
   const auto said = stage.sent();
@@ -224,7 +225,7 @@ TEST(Repeating, APlayheadThatTheApplicationMovesIsReportedWithWhatIsSaid) {
   EXPECT_EQ(said[1].event_seq(), 5U);
 }
 
-TEST(Repeating, NoRateOfAServerIsTooHighOrTooLow) {
+TEST(Repeating, ExtremeRateLimitsOfAServerAreHandled) {
   for (const double per_second : {1e-300, 1e300, std::numeric_limits<double>::infinity()}) {
     Repeating repeating;
     EXPECT_GE(repeating.begin(per_second), 1U);
@@ -235,7 +236,7 @@ TEST(Repeating, NoRateOfAServerIsTooHighOrTooLow) {
   EXPECT_EQ(repeating.begin(std::numeric_limits<double>::quiet_NaN()), Repeating::kAll);
 }
 
-TEST(Repeating, AClientSaysTheRestByItsClock) {
+TEST(Repeating, ClientSendsTheRestByItsClock) {
   ScriptedServer server;
   std::mutex mutex;
   std::condition_variable changed;

@@ -1,4 +1,4 @@
-// What has no answer is said again on a thread of the library while the application's threads make more edits.
+// Unanswered events are sent again on a thread of the library while the application's threads make more edits.
 #include <gtest/gtest.h>
 
 #include <chrono>
@@ -15,7 +15,7 @@ namespace motiongen {
 namespace {
 
 constexpr float kPerSecond = 200;
-constexpr std::uint64_t kWhileLost = 120;  // more than are said at once
+constexpr std::uint64_t kWhileLost = 120;  // more than are sent at once
 constexpr std::uint64_t kEach = 20;        // of a thread, meanwhile
 constexpr std::size_t kThreads = 3;
 constexpr auto kLimit = std::chrono::seconds(60);
@@ -26,7 +26,7 @@ v1::SessionEvent prompt() {
   return event;
 }
 
-TEST(RepeatingThreads, EveryEditIsSaidOnceAndInOrder) {
+TEST(RepeatingThreads, EveryEditIsSentOnceAndInOrder) {
   ScriptedServer server;
   std::mutex mutex;
   std::condition_variable changed;
@@ -62,7 +62,7 @@ TEST(RepeatingThreads, EveryEditIsSaidOnceAndInOrder) {
   {
     std::unique_lock<std::mutex> lock(mutex);
     ASSERT_TRUE(changed.wait_for(lock, kLimit, [&] { return !heard.empty(); }));
-    EXPECT_LT(heard.size(), kWhileLost) << "the rest is still to be said";
+    EXPECT_LT(heard.size(), kWhileLost) << "the rest must still be waiting";
   }
   std::vector<std::thread> threads;
   for (std::size_t number = 0; number < kThreads; ++number) {

@@ -1,4 +1,4 @@
-// A resumed session: what it is told then shows what happened while its connection was lost.
+// A resumed session: the messages that follow show what happened while its connection was lost.
 #include <vector>
 
 #include "session_stage.hpp"
@@ -41,7 +41,7 @@ std::vector<std::uint64_t> cuts(const Timeline& timeline, std::uint64_t end) {
   return found;
 }
 
-TEST(Resumed, ACutThatWasMadeWhileTheLineWasLostIsKnownByItsAnswer) {
+TEST(Resumed, CutMadeWhileDisconnectedIsKnownFromItsAnswer) {
   Cutting stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.lose();
@@ -54,12 +54,12 @@ TEST(Resumed, ACutThatWasMadeWhileTheLineWasLostIsKnownByItsAnswer) {
   EXPECT_EQ(stage.state.timeline->cut_before(30), kCutAt) << "or frames from before it would be history of after it";
 }
 
-TEST(Resumed, ACutThatWasPassedShowsAtTheNextFrameAndIsAskedForAgainWhereTheSessionIsOpenedAnew) {
+TEST(Resumed, PassedCutShowsAtTheNextFrameAndIsSentAgainIfReopened) {
   Cutting stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.hold(40);
   stage.lose();
-  ASSERT_TRUE(stage.state.timeline->advance_to(30));  // by hand, with the connection lost
+  ASSERT_TRUE(stage.state.timeline->advance_to(30));  // by the application, while disconnected
   stage.open();
   stage.hear_opened();
   ASSERT_TRUE(stage.state.timeline->announce_plan(3, 10));
@@ -75,14 +75,14 @@ TEST(Resumed, ACutThatWasPassedShowsAtTheNextFrameAndIsAskedForAgainWhereTheSess
   EXPECT_EQ(cut[0].seek().start_pose().x(), 5);
 }
 
-TEST(Resumed, ACutThatIsRefusedIsNone) {
+TEST(Resumed, RefusedCutIsNotACut) {
   Cutting stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.hear_answer(Code::failed_precondition);
   EXPECT_TRUE(cuts(*stage.state.timeline, 40).empty());
 }
 
-// What was said of a session that resumes at a server which accepts less, with two edits made in the meantime: the
+// What a session sends when it resumes at a server which accepts less, with two edits made in the meantime: the
 // first of them fits.
 std::vector<v1::SessionEvent> said_where_less_is_accepted(Stage& stage, bool is_closed_meanwhile) {
   stage.open();
@@ -101,7 +101,7 @@ std::vector<v1::SessionEvent> said_where_less_is_accepted(Stage& stage, bool is_
   return stage.sent();
 }
 
-TEST(Resumed, WhereAnEditIsTooBigItEndsThereTooAtTheNextNumber) {
+TEST(Resumed, SessionWithAnEditTooBigToRepeatIsClosedAtTheNextNumber) {
   for (const bool is_closed_meanwhile : {false, true}) {
     Stage stage;
     const std::lock_guard<std::mutex> lock(stage.state.mutex);
@@ -116,7 +116,7 @@ TEST(Resumed, WhereAnEditIsTooBigItEndsThereTooAtTheNextNumber) {
   }
 }
 
-TEST(Resumed, ItIsServedInFullUntilItIsTold) {
+TEST(Resumed, ServiceLevelIsFullAgainUntilTheServerReportsLess) {
   Stage stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.open();
@@ -134,7 +134,7 @@ TEST(Resumed, ItIsServedInFullUntilItIsTold) {
     for (Event event; stage.events.take(event);) {
       if (event.kind == EventKind::service_level) tiers.push_back(event.level.tier);
     }
-    EXPECT_EQ(tiers, std::vector<std::uint32_t>(expected, v1::SERVICE_TIER_FULL)) << "told where it differs";
+    EXPECT_EQ(tiers, std::vector<std::uint32_t>(expected, v1::SERVICE_TIER_FULL)) << "reported only if it changes";
   }
 }
 

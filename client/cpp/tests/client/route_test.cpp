@@ -9,7 +9,7 @@ constexpr char kKey[] = "0123456789abcdef";
 
 using Servers = std::vector<OtherServer>;
 
-TEST(Route, KeepsItsAddressAndKeyUntilAnotherServerIsWanted) {
+TEST(Route, NextAddressesAreTriedInTurnWithTheSameKey) {
   Route route({"own:1", "b:1", "c:1"}, "");
   const std::string key = route.key();
   EXPECT_EQ(key.size(), 16U);
@@ -22,18 +22,18 @@ TEST(Route, KeepsItsAddressAndKeyUntilAnotherServerIsWanted) {
   }
 }
 
-TEST(Route, FollowsOneNameAfterTheOtherAndThenTheAddressesInTurn) {
+TEST(Route, NamedServersAreTriedInOrderAndThenItsOwnAddresses) {
   Route route({"own:1", "b:1", "c:1", "d:1"}, "");
   EXPECT_TRUE(route.follow(Servers{{"stranger:1", ""}, {"c:1", kKey}, {"own:1", ""}, {"b:1", ""}}));
   EXPECT_EQ(route.server(), 2U);
-  EXPECT_NE(route.key(), kKey) << "its address is known";
+  EXPECT_NE(route.key(), kKey) << "an allowed address is used without the key";
   for (const std::size_t next : {0U, 1U, 2U, 3U, 0U}) {
     route.pass_over(false);
     EXPECT_EQ(route.server(), next);
   }
 }
 
-TEST(Route, GoesByAKeyAtItsOwnAddressWhereAnAddressIsNotAllowed) {
+TEST(Route, KeyIsUsedAtTheFirstAddressIfTheNamedAddressIsNotAllowed) {
   Route route({"own:1", "b:1"}, "");
   route.next();
   EXPECT_TRUE(route.follow(Servers{{"stranger:1", kKey}, {"", "second"}}));
@@ -44,16 +44,16 @@ TEST(Route, GoesByAKeyAtItsOwnAddressWhereAnAddressIsNotAllowed) {
   EXPECT_EQ(route.key(), "second");
 }
 
-TEST(Route, ForgetsTheNamesOfTheGoodbyeBefore) {
+TEST(Route, NamesOfAnEarlierGoodbyeAreForgotten) {
   Route route({"own:1", "b:1", "c:1"}, "");
   EXPECT_TRUE(route.follow(Servers{{"c:1", ""}, {"c:1", ""}}));
   EXPECT_FALSE(route.follow({}));
-  EXPECT_EQ(route.server(), 2U) << "it stays where it was led to";
+  EXPECT_EQ(route.server(), 2U) << "it stays with the server that was named";
   route.pass_over(false);
   EXPECT_EQ(route.server(), 0U);
 }
 
-TEST(Route, DrawsAnotherKeyWhereAServerIsStarting) {
+TEST(Route, NewKeyIsDrawnWhenAServerIsStarting) {
   Route route({"own:1", "b:1"}, "");
   const std::string key = route.key();
   route.pass_over(true);
@@ -62,7 +62,7 @@ TEST(Route, DrawsAnotherKeyWhereAServerIsStarting) {
   EXPECT_EQ(route.key().size(), 16U);
 }
 
-TEST(Route, LeavesTheKeyOfAnApplicationToIt) {
+TEST(Route, KeyOfTheApplicationIsNeverChanged) {
   Route route({"own:1", "b:1"}, "player-7");
   EXPECT_FALSE(route.follow(Servers{{"stranger:1", kKey}}));
   EXPECT_EQ(route.server(), 0U);
@@ -70,13 +70,13 @@ TEST(Route, LeavesTheKeyOfAnApplicationToIt) {
   EXPECT_EQ(route.server(), 1U);
   route.pass_over(true);
   EXPECT_EQ(route.server(), 0U);
-  EXPECT_FALSE(route.go_to(Servers{{"", kKey}, {"stranger:1", kKey}})) << "full, too, it is no reason to take another";
+  EXPECT_FALSE(route.go_to(Servers{{"", kKey}, {"stranger:1", kKey}})) << "a full server does not change it either";
   EXPECT_TRUE(route.go_to(Servers{{"", kKey}, {"b:1", kKey}}));
   EXPECT_EQ(route.server(), 1U);
   EXPECT_EQ(route.key(), "player-7");
 }
 
-TEST(Route, GoesToAServerWithRoom) {
+TEST(Route, GoesToTheFirstAllowedServerWithRoom) {
   Route route({"own:1", "b:1"}, "");
   EXPECT_FALSE(route.go_to(Servers{{"stranger:1", ""}}));
   EXPECT_TRUE(route.go_to(Servers{{"stranger:1", ""}, {"b:1", ""}, {"", kKey}}));
@@ -86,7 +86,7 @@ TEST(Route, GoesToAServerWithRoom) {
   EXPECT_EQ(route.key(), kKey);
 }
 
-TEST(Route, SendsNoKeyThatMetadataCannotCarry) {
+TEST(Route, KeysThatMetadataCannotCarryAreIgnored) {
   Route route({"own:1"}, "");
   const std::string key = route.key();
   const Servers servers{

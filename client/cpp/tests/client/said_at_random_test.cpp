@@ -206,7 +206,7 @@ class Talk {
   double now_s_ = 0;
 };
 
-TEST(SaidAtRandom, NoNumberEndsTheApplication) {
+TEST(RandomMessages, NoneOfThemEndsTheApplication) {
   int num_ended = 0;
   std::uint64_t num_frames = 0;
   for (std::uint32_t seed = 0; seed < 1000; ++seed) {
@@ -215,8 +215,8 @@ TEST(SaidAtRandom, NoNumberEndsTheApplication) {
     num_ended += talk.is_over() ? 1 : 0;
     num_frames += talk.num_frames();
   }
-  EXPECT_GT(num_ended, 100) << "some break a rule";
-  EXPECT_GT(num_frames, 10000U) << "and most go on for a while";
+  EXPECT_GT(num_ended, 100) << "some must break a rule";
+  EXPECT_GT(num_frames, 10000U) << "most must go on for a while";
 }
 
 }  // namespace

@@ -4,7 +4,7 @@
 namespace motiongen {
 namespace {
 
-TEST(SessionState, EndsWhereItsOpenIsRefusedAfterItWasClosed) {
+TEST(SessionState, ClosedSessionEndsWhenItsOpenIsRefused) {
   for (const Code code : {Code::resource_exhausted, Code::unavailable, Code::not_found}) {
     Stage stage;
     const std::lock_guard<std::mutex> lock(stage.state.mutex);
@@ -14,12 +14,12 @@ TEST(SessionState, EndsWhereItsOpenIsRefusedAfterItWasClosed) {
     stage.hear_refused(code);
     EXPECT_EQ(stage.state.phase, Phase::closed);
     EXPECT_EQ(stage.state.ended.reason(), "CLIENT");
-    EXPECT_FALSE(stage.state.refusal) << "no other server is to be asked";
-    EXPECT_EQ(stage.num_closed(), 0) << "it ended as its user wished";
+    EXPECT_FALSE(stage.state.refusal) << "no other server must be asked";
+    EXPECT_EQ(stage.num_closed(), 0) << "the application closed it, and needs no event";
   }
 }
 
-TEST(SessionState, EndsWhereItsResumeIsRefusedAfterItWasClosed) {
+TEST(SessionState, ClosedSessionEndsWhenItsResumeIsRefused) {
   for (const Code code : {Code::not_found, Code::unavailable}) {
     Stage stage;
     const std::lock_guard<std::mutex> lock(stage.state.mutex);
@@ -35,19 +35,19 @@ TEST(SessionState, EndsWhereItsResumeIsRefusedAfterItWasClosed) {
   }
 }
 
-TEST(SessionState, ThatIsClosedHereSaysSoAtOnceAndIfTheLineIsLostMeanwhile) {
+TEST(SessionState, ClosedSessionHasItsReasonAtOnceAndAfterALoss) {
   Stage stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.open();
   stage.hear_opened();
   stage.state.send_close(stage.outbox);
-  EXPECT_EQ(stage.state.ended.reason(), "CLIENT") << "edits that are refused from now on name it";
+  EXPECT_EQ(stage.state.ended.reason(), "CLIENT") << "edits refused from now on name this reason";
   stage.lose();
   EXPECT_EQ(stage.state.phase, Phase::closed);
   EXPECT_EQ(stage.state.ended.reason(), "CLIENT");
 }
 
-TEST(SessionState, ThatIsRefusedBeforeItIsClosedAsksAnotherServer) {
+TEST(SessionState, RefusedOpenKeepsTheOtherServersToAsk) {
   Stage stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.open();
@@ -57,12 +57,12 @@ TEST(SessionState, ThatIsRefusedBeforeItIsClosedAsksAnotherServer) {
   EXPECT_EQ(stage.state.refusal->other_servers.size(), 1U);
 }
 
-TEST(SessionState, ThatWasAskedForAgainMeanwhileIsNotGivenUp) {
+TEST(SessionState, OpenSentAgainMeanwhileIsNotGivenUp) {
   Stage stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.open();
   stage.hear_refused(Code::resource_exhausted);
-  stage.open();  // its time has come
+  stage.open();  // its retry is due
   stage.state.give_up_opening(stage.events);
   EXPECT_EQ(stage.state.phase, Phase::opening);
   EXPECT_EQ(stage.num_closed(), 0);
@@ -74,7 +74,7 @@ v1::OpenSession with_prompt(std::size_t bytes) {
   return open;
 }
 
-TEST(SessionState, ThatIsTooBigForAMessageEndsAlone) {
+TEST(SessionState, OpenTooBigForAMessageEndsTheSessionAndIsNotSent) {
   Stage fits(with_prompt(3000));
   const std::lock_guard<std::mutex> lock(fits.state.mutex);
   fits.open();
@@ -84,18 +84,18 @@ TEST(SessionState, ThatIsTooBigForAMessageEndsAlone) {
   stage.open();
   EXPECT_EQ(stage.state.phase, Phase::closed);
   EXPECT_EQ(stage.state.ended.code(), Code::invalid_argument);
-  EXPECT_EQ(stage.num_closed(), 1) << "it is told";
+  EXPECT_EQ(stage.num_closed(), 1) << "the application gets a closed event";
   EXPECT_TRUE(stage.sent(v1::SessionEvent::kOpen).empty()) << "the server would end the stream";
 }
 
-TEST(SessionState, ThatHasGrownTooBigToBeOpenedAnewEndsAlone) {
+TEST(SessionState, ReopeningTooBigForAMessageEndsTheSessionAndIsNotSent) {
   Stage stage(with_prompt(3000));
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.open();
   stage.hear_opened("");
   ASSERT_EQ(stage.state.phase, Phase::open);
   stage.lose();
-  stage.known.limits.max_request_bytes = 2048;  // as another server has it
+  stage.known.limits.max_request_bytes = 2048;  // the limit of another server
   static_cast<void>(stage.sent(v1::SessionEvent::kOpen));
   stage.open();
   EXPECT_EQ(stage.state.phase, Phase::closed);
@@ -103,7 +103,7 @@ TEST(SessionState, ThatHasGrownTooBigToBeOpenedAnewEndsAlone) {
   EXPECT_TRUE(stage.sent(v1::SessionEvent::kOpen).empty());
 }
 
-TEST(SessionState, ThatEndsAtItsOpeningIsClosedAtTheServerToo) {
+TEST(SessionState, SessionWithAnUnknownRigIsClosedAtTheServerToo) {
   Stage stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.open();
@@ -113,7 +113,7 @@ TEST(SessionState, ThatEndsAtItsOpeningIsClosedAtTheServerToo) {
   EXPECT_EQ(stage.sent(v1::SessionEvent::kClose).size(), 1U);
 }
 
-TEST(SessionState, PausedBeforeItOpensStandsStillFromTheFirst) {
+TEST(SessionState, PauseBeforeTheOpeningHoldsFromTheFirstFrame) {
   Stage stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.open();
@@ -125,7 +125,7 @@ TEST(SessionState, PausedBeforeItOpensStandsStillFromTheFirst) {
   EXPECT_TRUE(stage.state.timeline->playing());
 }
 
-TEST(SessionState, PausedBeforeItsFirstFrameSaysWhereItStands) {
+TEST(SessionState, SessionPausedBeforeItsFirstFrameReportsItsPlayhead) {
   Stage stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.open();
@@ -134,12 +134,12 @@ TEST(SessionState, PausedBeforeItsFirstFrameSaysWhereItStands) {
   stage.hold(20);
   stage.state.report(1, 0.25, stage.outbox);
   const auto reports = stage.sent(v1::SessionEvent::kPlayhead);
-  ASSERT_EQ(reports.size(), 1U) << "or it is closed for its silence";
+  ASSERT_EQ(reports.size(), 1U) << "without a report the server closes it as idle";
   EXPECT_EQ(reports[0].playhead().frame(), 0U);
   EXPECT_EQ(reports[0].playhead().buffered_to(), 20U);
 }
 
-TEST(SessionState, OpenedAnewItIsSilentUntilItComesThereUnlessItStands) {
+TEST(SessionState, ReopenedSessionReportsNoEarlierPlayheadUnlessPaused) {
   Stage stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.open();
@@ -151,7 +151,7 @@ TEST(SessionState, OpenedAnewItIsSilentUntilItComesThereUnlessItStands) {
   stage.hear_opened("");
   static_cast<void>(stage.sent(v1::SessionEvent::kOpen));
   stage.state.report(1, 0.25, stage.outbox);
-  EXPECT_TRUE(stage.sent(v1::SessionEvent::kPlayhead).empty()) << "the server would count on from there";
+  EXPECT_TRUE(stage.sent(v1::SessionEvent::kPlayhead).empty()) << "the server would extrapolate from there";
   stage.state.set_playing(false);
   stage.state.report(2, 0.25, stage.outbox);
   const auto reports = stage.sent(v1::SessionEvent::kPlayhead);
@@ -160,10 +160,10 @@ TEST(SessionState, OpenedAnewItIsSilentUntilItComesThereUnlessItStands) {
   EXPECT_EQ(reports[0].playhead().buffered_to(), 0U);
   stage.state.set_playing(true);
   stage.state.report(3, 0.25, stage.outbox);
-  EXPECT_EQ(stage.sent(v1::SessionEvent::kPlayhead).size(), 1U) << "the server counts on from what it was told";
+  EXPECT_EQ(stage.sent(v1::SessionEvent::kPlayhead).size(), 1U) << "the server extrapolates from the reported playhead";
 }
 
-TEST(SessionState, OpenedAnewItIsServedInFullUntilItIsTold) {
+TEST(SessionState, ReopenedSessionHasFullServiceUntilTheServerReportsLess) {
   Stage stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.open();
@@ -184,11 +184,11 @@ TEST(SessionState, OpenedAnewItIsServedInFullUntilItIsTold) {
     stage.lose();
     stage.open();
     stage.hear_opened("");
-    EXPECT_EQ(levels().size(), expected) << "told where it differs";
+    EXPECT_EQ(levels().size(), expected) << "reported only if it changes";
   }
 }
 
-TEST(SessionState, ClosedWhileItIsResumedSaysSoBehindWhatWasNotAnswered) {
+TEST(SessionState, CloseWhileResumingIsSentAfterUnansweredEdits) {
   Stage stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.open();
@@ -201,7 +201,7 @@ TEST(SessionState, ClosedWhileItIsResumedSaysSoBehindWhatWasNotAnswered) {
   stage.open();
   stage.state.send_close(stage.outbox);
   EXPECT_TRUE(stage.sent(v1::SessionEvent::kClose).empty())
-      << "a gap: the server would refuse it, and the session stay";
+      << "with a gap in the numbers, the server would refuse it and keep the session";
   stage.hear_opened();
   const auto said = stage.sent();
   ASSERT_EQ(said.size(), 2U);
@@ -214,10 +214,10 @@ TEST(SessionState, ClosedWhileItIsResumedSaysSoBehindWhatWasNotAnswered) {
   closed.mutable_closed()->set_reason(v1::CLOSE_REASON_CLIENT);
   stage.hear(closed);
   EXPECT_EQ(stage.state.phase, Phase::closed);
-  EXPECT_EQ(stage.num_closed(), 0) << "it ended as its user wished";
+  EXPECT_EQ(stage.num_closed(), 0) << "the application closed it, and needs no event";
 }
 
-TEST(SessionState, OpenedAnewItHasTheHistoryThatWasAskedForLast) {
+TEST(SessionState, ReopenedSessionSendsTheHistoryLengthLastRequested) {
   Stage stage;
   stage.known.models[0].patch_frames = 4;
   stage.known.models[0].default_history_frames = 8;
@@ -239,7 +239,7 @@ TEST(SessionState, OpenedAnewItHasTheHistoryThatWasAskedForLast) {
   EXPECT_EQ(said[0].open().prior_frames().frame_count(), 16U);
 }
 
-TEST(SessionState, OpenedAnewItIsNotAskedForATargetThatWasMetEarly) {
+TEST(SessionState, ReopenedSessionIsNotSentATargetThatWasMetEarly) {
   Stage stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.open();
@@ -249,7 +249,7 @@ TEST(SessionState, OpenedAnewItIsNotAskedForATargetThatWasMetEarly) {
   for (const std::uint32_t id : {1U, 2U}) {
     auto* constraint = event.mutable_edit_constraints()->add_upsert();
     *constraint = convert::constraint(id, Waypoint{20, 1, 2, {}, {}});
-    constraint->set_last_frame(200);  // at any frame up to there
+    constraint->set_last_frame(200);  // at any frame up to this one
   }
   stage.state.send_edit(std::move(event), stage.outbox, stage.events);
   v1::SessionUpdate taken;
@@ -265,11 +265,11 @@ TEST(SessionState, OpenedAnewItIsNotAskedForATargetThatWasMetEarly) {
   stage.open();
   const auto said = stage.sent(v1::SessionEvent::kOpen);
   ASSERT_EQ(said.size(), 1U);
-  ASSERT_EQ(said[0].open().constraints_size(), 1) << "it would walk back";
+  ASSERT_EQ(said[0].open().constraints_size(), 1) << "the character would walk back to it";
   EXPECT_EQ(said[0].open().constraints(0).constraint_id(), 2U);
 }
 
-TEST(SessionState, KeepsAsManyFramesAsATimelineCan) {
+TEST(SessionState, KeepFramesBeyondTheTimelinesMaximumIsRefused) {
   SessionOptions options;
   for (const std::uint32_t fits : {0U, TimelineOptions::kMostKept, TimelineOptions::kKeepAll}) {
     options.keep_frames = fits;
@@ -277,7 +277,7 @@ TEST(SessionState, KeepsAsManyFramesAsATimelineCan) {
   }
   options.keep_frames = TimelineOptions::kMostKept + 1;
   const Status refused = convert::check(options);
-  EXPECT_EQ(refused.code(), Code::invalid_argument) << "or it would end once it has opened";
+  EXPECT_EQ(refused.code(), Code::invalid_argument) << "else the session would end when it opens";
   EXPECT_NE(refused.message().find("keep_frames"), std::string::npos);
 }
 

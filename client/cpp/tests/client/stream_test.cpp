@@ -15,7 +15,7 @@
 namespace motiongen {
 namespace {
 
-TEST(Stream, AnAddressWithoutAServerSaysSo) {
+TEST(Stream, ConnectingToAnAddressWithoutAServerNamesIt) {
   ClientOptions options = server();
   options.address = "localhost:1";
   options.connect_timeout_s = 0.3;
@@ -27,7 +27,7 @@ TEST(Stream, AnAddressWithoutAServerSaysSo) {
   EXPECT_EQ(Client::connect(options).status().code(), Code::invalid_argument);
 }
 
-TEST(Stream, ACharacterPlaysAndIsTold) {
+TEST(Stream, SessionPlaysAndAcceptsAPrompt) {
   auto client = Client::connect(server());
   ASSERT_TRUE(client) << client.status().message();
   EXPECT_FALSE(client->catalog()->models.empty());
@@ -57,7 +57,7 @@ TEST(Stream, ACharacterPlaysAndIsTold) {
   EXPECT_EQ(walker->set_prompt("anything").status().code(), Code::failed_precondition);
 }
 
-TEST(Stream, WhatIsToldWhileFramesAreTakenAsFastAsTheyComeReplacesNoneThatWasTaken) {
+TEST(Stream, EditsWhileFramesAreTakenAsTheyComeReplaceNoTakenFrame) {
   auto client = Client::connect(server());
   ASSERT_TRUE(client) << client.status().message();
   auto walker = client->open(walking());
@@ -66,13 +66,13 @@ TEST(Stream, WhatIsToldWhileFramesAreTakenAsFastAsTheyComeReplacesNoneThatWasTak
     const Status shown = walker->advance_to(frame);
     ASSERT_TRUE(shown) << frame << ": " << shown.message();
     if (frame % 25 != 10) continue;
-    ASSERT_TRUE(walker->wait_frame(frame + 15, kLimitS)) << "what is told shall find frames that it may replace";
+    ASSERT_TRUE(walker->wait_frame(frame + 15, kLimitS)) << "the edit must find frames that it may replace";
     ASSERT_TRUE(walker->set_velocity(frame % 50 == 10 ? 1.0F : -1.0F, 0, 10));
   }
   EXPECT_EQ(walker->stats().late_plans, 0U);
 }
 
-TEST(Stream, ACharacterWalksOnHighGround) {
+TEST(Stream, SampleOnGroundRaisesTheCharacterAndRefusesInvalidGround) {
   auto client = Client::connect(server());
   ASSERT_TRUE(client) << client.status().message();
   auto walker = client->open(walking());
@@ -99,10 +99,10 @@ TEST(Stream, ACharacterWalksOnHighGround) {
   GroundFollower nowhere(std::move(broken).value());
   EXPECT_EQ(walker->sample_on_ground(nowhere, raised).status().code(), Code::invalid_argument);
   EXPECT_EQ(walker->sample_on_ground(feet, {raised.data(), 1}).status().code(), Code::invalid_argument);
-  EXPECT_EQ(walker->frame_in(HUGE_VAL), walker->playhead() + kLastFrame) << "and no count that no number holds";
+  EXPECT_EQ(walker->frame_in(HUGE_VAL), walker->playhead() + kLastFrame) << "bounded to the last frame";
 }
 
-TEST(Stream, AMistakeIsAnAnswerOfItsEditAlone) {
+TEST(Stream, RefusedEditDoesNotAffectTheSession) {
   auto client = Client::connect(server());
   ASSERT_TRUE(client);
   auto walker = client->open(walking());
@@ -119,7 +119,7 @@ TEST(Stream, AMistakeIsAnAnswerOfItsEditAlone) {
   EXPECT_TRUE(walker->wait_frame(10, kLimitS));
 }
 
-TEST(Stream, ARefusedOpenIsToldAndTheOthersPlay) {
+TEST(Stream, RefusedOpenIsReportedAndOtherSessionsPlay) {
   auto client = Client::connect(server());
   ASSERT_TRUE(client);
   auto walker = client->open(walking());
@@ -134,7 +134,7 @@ TEST(Stream, ARefusedOpenIsToldAndTheOthersPlay) {
   EXPECT_TRUE(walker->wait_frame(10, kLimitS));
 }
 
-TEST(Stream, WhatBecameOfATargetIsTold) {
+TEST(Stream, ResultsOfTargetsAreReported) {
   auto client = Client::connect(server());
   ASSERT_TRUE(client);
   auto walker = client->open(walking());
@@ -171,7 +171,7 @@ TEST(Stream, WhatBecameOfATargetIsTold) {
   EXPECT_EQ(walker->add_targets({&wrong, 1}).status().code(), Code::invalid_argument);
 }
 
-TEST(Stream, ClipsComeWholeWithWhatBecameOfTheirTargets) {
+TEST(Stream, ClipsHaveAllFramesAndResidualsOfTheirTargets) {
   auto client = Client::connect(server());
   ASSERT_TRUE(client);
   ClipOptions options;
@@ -204,7 +204,7 @@ TEST(Stream, ClipsComeWholeWithWhatBecameOfTheirTargets) {
   EXPECT_EQ(client->generate_clip(options).status().code(), Code::deadline_exceeded);
 }
 
-TEST(Stream, ManySessionsShareIt) {
+TEST(Stream, ManySessionsShareOneStream) {
   constexpr int kMany = 40;
   auto client = Client::connect(server());
   ASSERT_TRUE(client);

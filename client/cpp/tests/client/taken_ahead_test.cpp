@@ -46,7 +46,7 @@ struct Playing : Stage {
   }
 };
 
-TEST(TakenAhead, WithoutAnEditEveryFrameThatIsHeldMayBeShown) {
+TEST(TakenAhead, EveryHeldFrameMayBeShownWithoutAnEdit) {
   Playing stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   EXPECT_EQ(stage.state.showable_to(), kHeldTo);
@@ -54,7 +54,7 @@ TEST(TakenAhead, WithoutAnEditEveryFrameThatIsHeldMayBeShown) {
   EXPECT_EQ(stage.state.advance_to(kHeldTo).reason(), "FRAME_NOT_HELD");
 }
 
-TEST(TakenAhead, WhileAnEditWaitsOnlyCommittedFramesAreShown) {
+TEST(TakenAhead, OnlyCommittedFramesAreShownWhileAnEditIsUnanswered) {
   Playing stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   ASSERT_TRUE(stage.state.advance_to(5));
@@ -71,7 +71,7 @@ TEST(TakenAhead, WhileAnEditWaitsOnlyCommittedFramesAreShown) {
   EXPECT_TRUE(stage.state.advance_to(kHeldTo - 1));
 }
 
-TEST(TakenAhead, WhatIsShownMayBeShownAgainHoweverLittleIsCommitted) {
+TEST(TakenAhead, FrameAlreadyShownMayBeShownAgainAlthoughNotCommitted) {
   Playing stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   ASSERT_TRUE(stage.state.advance_to(20));
@@ -82,7 +82,7 @@ TEST(TakenAhead, WhatIsShownMayBeShownAgainHoweverLittleIsCommitted) {
   EXPECT_EQ(stage.state.advance_to(21).reason(), "EDIT_UNANSWERED");
 }
 
-TEST(TakenAhead, ALastFrameThatMayBeShownAsksForMoreAtOnce) {
+TEST(TakenAhead, ShowingTheLastCommittedFrameMakesAReportDueAtOnce) {
   Playing stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   ASSERT_TRUE(stage.state.advance_to(5));
@@ -94,7 +94,7 @@ TEST(TakenAhead, ALastFrameThatMayBeShownAsksForMoreAtOnce) {
   EXPECT_EQ(stage.state.next_report_s, 0);
 }
 
-TEST(TakenAhead, WhileTheLineIsLostAllThatIsHeldIsPlayedAndToldBeforeTheEditIsSaidAgain) {
+TEST(TakenAhead, HeldFramesPlayWhileDisconnectedAndAreReportedBeforeTheEdit) {
   Playing stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   ASSERT_TRUE(stage.state.advance_to(5));
@@ -109,7 +109,7 @@ TEST(TakenAhead, WhileTheLineIsLostAllThatIsHeldIsPlayedAndToldBeforeTheEditIsSa
   EXPECT_EQ(stage.state.advance_to(36).reason(), "EDIT_UNANSWERED");
 }
 
-TEST(TakenAhead, WhoPlaysInRealTimeWaitsForNoAnswerAndReportsNoMore) {
+TEST(TakenAhead, RealTimePlaybackWaitsForNoAnswerAndSendsNoExtraReport) {
   Playing stage(Clock::real_time);
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.tell();
@@ -117,14 +117,14 @@ TEST(TakenAhead, WhoPlaysInRealTimeWaitsForNoAnswerAndReportsNoMore) {
   EXPECT_TRUE(stage.sent(v1::SessionEvent::kPlayhead).empty());
 }
 
-TEST(TakenAhead, AnEditTakesNoMoreReportsThanTheOneBeforeIt) {
+TEST(TakenAhead, EditSendsOneReportAndDoesNotBringTheNextForward) {
   Playing stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   ASSERT_TRUE(stage.state.advance_to(5));
   stage.state.next_report_s = 100;
   stage.tell();
   stage.expect_told_at(5);
-  EXPECT_EQ(stage.state.next_report_s, 100) << "twice the reports, and a stick would be refused for its rate";
+  EXPECT_EQ(stage.state.next_report_s, 100) << "with twice the reports, a stick would exceed its rate limit";
 }
 
 }  // namespace

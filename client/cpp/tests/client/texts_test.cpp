@@ -12,7 +12,7 @@ namespace {
 
 constexpr char kLatin1[] = "caf\xE9";
 
-TEST(Texts, TakesUtf8AndNothingElse) {
+TEST(Texts, OnlyValidUtf8IsAccepted) {
   for (const std::string text : {"", "walk", "caf\xC3\xA9", "\xE2\x82\xAC", "\xED\x9F\xBF", "\xEE\x80\x80",
                                  "\xF0\x9F\x95\xBA dances", "\xF4\x8F\xBF\xBF"}) {
     EXPECT_TRUE(check_utf8("text", text)) << text;
@@ -38,7 +38,7 @@ TEST(Texts, TakesUtf8AndNothingElse) {
   }
 }
 
-TEST(Texts, ATokenIsWhatAHeaderMayHave) {
+TEST(Texts, TokenThatNoHeaderMayHaveIsRefusedWithoutPrintingIt) {
   EXPECT_TRUE(check_token(""));
   EXPECT_TRUE(check_token("mg_!~"));
   for (const std::string token : {"abc\n", "abc\r\n", "a bc", "abc\x7F", "caf\xC3\xA9", "\tabc"}) {
@@ -61,7 +61,7 @@ bool names(const Status& refused, const std::string& field) {
   return refused.code() == Code::invalid_argument && refused.message().rfind(field + ": ", 0) == 0;
 }
 
-TEST(Texts, EachOfASessionIsNamedThatIsNotUtf8) {
+TEST(Texts, TextOfASessionThatIsNotUtf8IsRefusedByItsField) {
   const auto opened_with = [](auto change) {
     SessionOptions options;
     change(options);

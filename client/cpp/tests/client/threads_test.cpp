@@ -16,7 +16,7 @@
 namespace motiongen {
 namespace {
 
-TEST(Threads, EventsComeToTheCallbackOneAtATime) {
+TEST(Threads, EventsReachTheCallbackOneAtATime) {
   std::atomic<int> inside{0};
   std::atomic<bool> overlapped{false};
   std::promise<void> both;
@@ -37,7 +37,7 @@ TEST(Threads, EventsComeToTheCallbackOneAtATime) {
   EXPECT_FALSE(client->next_event(event)) << "they went to the callback";
 }
 
-TEST(Threads, TheClientMayBeDestroyedInsideItsCallback) {
+TEST(Threads, ClientMayBeDestroyedInsideItsCallback) {
   for (int trial = 0; trial < 5; ++trial) {
     auto held = std::make_shared<std::optional<Client>>();
     auto session = std::make_shared<std::optional<Session>>();
@@ -66,7 +66,7 @@ TEST(Threads, TheClientMayBeDestroyedInsideItsCallback) {
   }
 }
 
-TEST(Threads, NoCallbackRunsOnceTheClientIsDestroyed) {
+TEST(Threads, NoCallbackRunsAfterTheClientIsDestroyed) {
   for (int trial = 0; trial < 10; ++trial) {
     auto alive = std::make_unique<std::atomic<int>>(0);
     ClientOptions options = server();

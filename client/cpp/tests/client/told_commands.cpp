@@ -98,7 +98,7 @@ motiongen::OptionsChange change_of(const Words& words) {
   return change;
 }
 
-// The rest of a line after so many words.
+// The rest of a line after its first words.
 std::string rest(const std::string& line, std::size_t words) {
   std::istringstream in(line);
   std::string text;

@@ -19,7 +19,7 @@ namespace {
 constexpr double kPingPeriodS = 0.4;
 constexpr auto kLimit = std::chrono::seconds(60);
 
-TEST(Unread, AServerThatSpeaksAndAnswersNoPingIsGivenUp) {
+TEST(Unread, ConnectionWithoutPongsIsGivenUpWhateverElseIsSent) {
   ScriptedServer server;
   server.answers_pings = false;
   server.hear = [](const v1::SessionEvent& event, ScriptedServer::Stream& stream) {
@@ -61,7 +61,7 @@ v1::StreamMotionRequest ping(std::int64_t time_ns) {
   return request;
 }
 
-TEST(Unread, APingOvertakesWhatWaitsAndTheNewestCounts) {
+TEST(Unread, NewestPingOvertakesWaitingEvents) {
   Outbox outbox;
   outbox.put("events");
   outbox.put_ping(ping(1));
@@ -77,10 +77,10 @@ TEST(Unread, APingOvertakesWhatWaitsAndTheNewestCounts) {
 void fill(Outbox& outbox) {
   const std::string big(Outbox::kMostWaiting / 8, 'x');
   outbox.set_limit(1 << 20);                              // each is a message of its own
-  for (int part = 0; part < 10; ++part) outbox.put(big);  // one of them may be on its way
+  for (int part = 0; part < 10; ++part) outbox.put(big);  // one of them may be being sent
 }
 
-TEST(Unread, AnOutboxIsFullUntilItIsRead) {
+TEST(Unread, OutboxIsFullUntilItIsRead) {
   Outbox outbox;
   EXPECT_FALSE(outbox.is_full());
   fill(outbox);
@@ -95,7 +95,7 @@ TEST(Unread, AnOutboxIsFullUntilItIsRead) {
   EXPECT_FALSE(outbox.is_full());
 }
 
-TEST(Unread, ReportsAreLeftOutWhereNobodyReads) {
+TEST(Unread, ReportsAreLeftOutWhileTheServerDoesNotRead) {
   Stage stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.open();
@@ -146,7 +146,7 @@ struct Unreading {
   }
 };
 
-TEST(Unread, EditsAndSessionsAreRefusedWhereNobodyReadsAndNothingThatWasTakenOnIsLost) {
+TEST(Unread, EditsAndOpensAreRefusedWhileTheServerDoesNotRead) {
   Unreading stage;
   ASSERT_TRUE(stage.connect());
   fill(stage.core->outbox());
@@ -157,14 +157,14 @@ TEST(Unread, EditsAndSessionsAreRefusedWhereNobodyReadsAndNothingThatWasTakenOnI
   EXPECT_EQ(refused.status().reason(), "OUTBOX_FULL");
   {
     const std::lock_guard<std::mutex> lock(stage.session->mutex);
-    EXPECT_FALSE(stage.session->book.is_waiting()) << "it is not told later all the same";
+    EXPECT_FALSE(stage.session->book.is_waiting()) << "a refused edit must not be sent later";
   }
   EXPECT_EQ(stage.core->open({}).status().reason(), "OUTBOX_FULL");
   stage.core->outbox().clear();
   EXPECT_TRUE(stage.core->edit(*stage.session, told));
 }
 
-TEST(Unread, APauseThatIsRefusedStopsNothing) {
+TEST(Unread, RefusedPauseDoesNotStopPlayback) {
   Unreading stage;
   ASSERT_TRUE(stage.connect());
   const auto is_playing = [&stage] {
@@ -175,7 +175,7 @@ TEST(Unread, APauseThatIsRefusedStopsNothing) {
   pause.mutable_set_play_state()->set_state(v1::PLAY_STATE_PAUSED);
   fill(stage.core->outbox());
   EXPECT_FALSE(stage.core->edit(*stage.session, pause));
-  EXPECT_TRUE(is_playing()) << "the server goes on: it was told nothing";
+  EXPECT_TRUE(is_playing()) << "the server plays on: the pause was not sent";
   stage.core->outbox().clear();
   EXPECT_TRUE(stage.core->edit(*stage.session, pause));
   EXPECT_FALSE(is_playing());

@@ -40,7 +40,7 @@ v1::SessionUpdate chunk_update() {
   return update;
 }
 
-TEST(Wire, ReadsAChunkWhereverTheMessageIsCut) {
+TEST(Wire, ChunkIsReadWhereverTheMessageIsSplit) {
   const std::string encoded = chunk_update().SerializeAsString();
   for (std::size_t at = 0; at <= encoded.size(); ++at) {
     const Cut cut(encoded, at);
@@ -65,7 +65,7 @@ TEST(Wire, ReadsAChunkWhereverTheMessageIsCut) {
   }
 }
 
-TEST(Wire, ReadsPlansAndLeavesTheRestToItsMessages) {
+TEST(Wire, PlansAreReadAndOtherUpdatesLeftUndecoded) {
   v1::SessionUpdate update;
   update.set_session(5);
   update.mutable_plan()->set_plan(3);
@@ -90,7 +90,7 @@ TEST(Wire, ReadsPlansAndLeavesTheRestToItsMessages) {
   EXPECT_EQ(all, encoded);
 }
 
-TEST(Wire, RefusesWhatIsCutOff) {
+TEST(Wire, TruncatedUpdatesAreRefusedAsByProtobuf) {
   const std::string encoded = chunk_update().SerializeAsString();
   for (std::size_t size = 1; size < encoded.size(); ++size) {
     const std::string part = encoded.substr(0, size);
@@ -101,7 +101,7 @@ TEST(Wire, RefusesWhatIsCutOff) {
   }
 }
 
-TEST(Wire, TakesAnyBytesWithoutReadingPastThem) {
+TEST(Wire, CorruptedBytesAreNotReadPastTheirEnd) {
   std::minstd_rand draw(1);
   const std::string good = chunk_update().SerializeAsString();
   for (int trial = 0; trial < 20'000; ++trial) {
@@ -120,7 +120,7 @@ TEST(Wire, TakesAnyBytesWithoutReadingPastThem) {
   }
 }
 
-TEST(Wire, WritesAReportAsItsMessage) {
+TEST(Wire, ReportIsWrittenAsItsMessage) {
   std::string entry;
   wire::put_playhead(0xFFFFFFFF, std::uint64_t{1} << 53, (std::uint64_t{1} << 53) + 1, 0xFFFFFFFF, ~std::uint64_t{0},
                      entry);
@@ -135,7 +135,7 @@ TEST(Wire, WritesAReportAsItsMessage) {
   EXPECT_EQ(request.events(0).playhead().answered_seq(), ~std::uint64_t{0});
 }
 
-TEST(Wire, AFieldOfALaterVersionHidesNoChunk) {
+TEST(Wire, UnknownFieldDoesNotHideAChunk) {
   v1::SessionUpdate update = chunk_update();
   update.GetReflection()->MutableUnknownFields(&update)->AddLengthDelimited(100, "later");
   const std::string encoded = update.SerializeAsString();
@@ -148,7 +148,7 @@ TEST(Wire, AFieldOfALaterVersionHidesNoChunk) {
   EXPECT_EQ(chunk.header.num_frames, 2U);
 }
 
-TEST(Wire, KnowsEveryMemberOfAnUpdate) {
+TEST(Wire, EveryMemberOfAnUpdateIsClassified) {
   const auto* members = v1::SessionUpdate::descriptor()->FindOneofByName("update");
   for (int place = 0; place < members->field_count(); ++place) {
     const auto* member = members->field(place);

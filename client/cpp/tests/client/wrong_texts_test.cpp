@@ -11,7 +11,7 @@ namespace {
 
 constexpr char kLatin1[] = "\xE9";
 
-TEST(WrongTexts, ATokenWithALineEndIsRefused) {
+TEST(WrongTexts, TokenWithALineEndIsRefused) {
   ClientOptions options = server();
   options.token = "abc\n";
   const auto refused = Client::connect(options);
@@ -20,7 +20,7 @@ TEST(WrongTexts, ATokenWithALineEndIsRefused) {
       << refused.status().message();
 }
 
-TEST(WrongTexts, ALongNameOfAnApplicationIsCutBetweenCharacters) {
+TEST(WrongTexts, LongAgentNameIsCutBetweenCharactersAndInvalidOneRefused) {
   ClientOptions options = server();
   options.agent = std::string(98, 'x') + "\xC3\xA9";
   const auto client = Client::connect(options);
@@ -29,7 +29,7 @@ TEST(WrongTexts, ALongNameOfAnApplicationIsCutBetweenCharacters) {
   EXPECT_EQ(Client::connect(options).status().code(), Code::invalid_argument);
 }
 
-TEST(WrongTexts, WhatIsNotUtf8IsRefusedAndTheOthersPlay) {
+TEST(WrongTexts, TextThatIsNotUtf8IsRefusedAndOtherSessionsPlay) {
   auto client = Client::connect(server());
   ASSERT_TRUE(client) << client.status().message();
   auto told = client->open(walking());

@@ -11,7 +11,7 @@ const Axes& axes_called(const std::string& name) {
   return name == "Unreal" ? kUnreal : name == "Unity" ? kUnity : name == "Godot" ? kGodot : kRos;
 }
 
-TEST(Axes, AreThoseOfThePythonClient) {
+TEST(Axes, EqualThoseOfThePythonClient) {
   const auto lines = testing::read_golden("axes");
   ASSERT_EQ(lines.size(), 16U);
   for (const auto& line : lines) {
@@ -24,7 +24,7 @@ TEST(Axes, AreThoseOfThePythonClient) {
   }
 }
 
-TEST(Axes, MayBeChangedInPlace) {
+TEST(Axes, PositionsMayBeConvertedInPlace) {
   std::vector<float> place = {1, 2, 3};  // to the left, up, ahead
   kUnreal.positions(place, place);
   EXPECT_EQ(place, (std::vector<float>{300, -100, 200}));

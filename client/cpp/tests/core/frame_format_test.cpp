@@ -57,7 +57,7 @@ class Session {
   std::vector<float> before_;
 };
 
-TEST(FrameFormat, IsReadAsThePythonClientReadsIt) {
+TEST(FrameFormat, RowsEqualThoseOfThePythonClient) {
   std::vector<Block> with_robot = kOutputs;
   with_robot.push_back({"g1_qpos", 36});
   Session halves(FrameFormat::f16, {});
@@ -75,11 +75,11 @@ TEST(FrameFormat, IsReadAsThePythonClientReadsIt) {
   }
 }
 
-TEST(FrameFormat, ReadsEveryHalf) {
+TEST(FrameFormat, ExtremeHalfFloatsAreReadExactly) {
   Rig rig = testing::golden_rig();
   FrameDecoder decoder(rig, FrameFormat::f16);
   const float origin[] = {0, 0, 0};
-  // the greatest, the least normal, the least of all, minus two, one, none: in the root's columns and in the contacts
+  // greatest, least normal and least half floats in the root's columns; -2, 1, 0 and -0 in the contacts
   const std::vector<float> expected = {65504, 6.103515625e-05F, 5.9604645e-08F, -2, 1, 0, 0};
   std::string hex = "ff7b00040100";
   for (int joint = 0; joint < 3; ++joint) hex += "003c000000000000";
@@ -92,7 +92,7 @@ TEST(FrameFormat, ReadsEveryHalf) {
   for (std::size_t place = 0; place < 4; ++place) EXPECT_EQ(row[15 + place], expected[3 + place]);
 }
 
-TEST(FrameFormat, WritesNoFartherThanTheRowOfARigThatNobodyHasChecked) {
+TEST(FrameFormat, UncheckedRigIsNotWrittenPastItsRow) {
   Rig rig = testing::golden_rig();
   rig.outputs = {{"g1_qpos", 1}};
   rig.row_width = rig.own_width + 1;
@@ -106,7 +106,7 @@ TEST(FrameFormat, WritesNoFartherThanTheRowOfARigThatNobodyHasChecked) {
   EXPECT_EQ(row[rig.row_width], 5);
 }
 
-TEST(FrameFormat, SaysWhatIsWrong) {
+TEST(FrameFormat, MissingOriginOrWrongSizeIsRefused) {
   const Rig rig = testing::golden_rig();
   FrameDecoder decoder(rig, FrameFormat::f16);
   Bytes one_row(std::string(4 * rig.row_width, '0'));

@@ -60,7 +60,7 @@ Timeline new_timeline(const Rig& rig, std::uint32_t keep_frames) {
   return std::move(Timeline::make(options)).value();
 }
 
-TEST(Ground, IsThatOfThePythonClient) {
+TEST(Ground, WholeMotionEqualsThatOfThePythonClient) {
   const Walk walk;
   const std::size_t width = walk.rig.row_width;
   std::size_t num_grounds = 0;
@@ -94,7 +94,7 @@ void take_chunk(const testing::GoldenLine& line, const Walk& walk, Timeline& tim
   ASSERT_TRUE(timeline.add_chunk({plan, first, count, 0}, source));
 }
 
-TEST(Ground, IsFollowedAsByThePythonClient) {
+TEST(Ground, FollowedFramesEqualThoseOfThePythonClient) {
   const Walk walk;
   std::optional<Timeline> timeline;
   std::optional<GroundFollower> follower;
@@ -126,7 +126,7 @@ TEST(Ground, IsFollowedAsByThePythonClient) {
   EXPECT_GT(num_samples, 300U);
 }
 
-TEST(Ground, AsksForNoMemoryWhileItFollows) {
+TEST(Ground, FollowingAllocatesNoMemory) {
   const Walk walk;
   Timeline timeline = new_timeline(walk.rig, 30);
   GroundFollower follower(walk.on("hills"));
@@ -150,7 +150,7 @@ TEST(Ground, AsksForNoMemoryWhileItFollows) {
   EXPECT_EQ(testing::num_allocations(), before);
 }
 
-TEST(Ground, SaysWhatIsWrong) {
+TEST(Ground, InvalidRigsRowsAndHeightsAreRefused) {
   const Walk walk;
   EXPECT_EQ(Ground::make(walk.rig, nullptr).status().code(), Code::invalid_argument);
   EXPECT_EQ(Ground::make(testing::golden_rig(), heights_called("level")).status().code(), Code::not_found);
@@ -178,7 +178,7 @@ TEST(Ground, SaysWhatIsWrong) {
     nowhere[walk.rig.row_width + axis] = std::numeric_limits<float>::quiet_NaN();
     EXPECT_EQ(asked.apply(nowhere).code(), Code::invalid_argument) << axis;
   }
-  EXPECT_EQ(num_asked_of_no_place, 0) << "a terrain may look it up in a table";
+  EXPECT_EQ(num_asked_of_no_place, 0) << "a heightfield may look places up in a table";
   GroundFollower follower(walk.on("level"));
   const Timeline unbegun = new_timeline(walk.rig, 30);
   EXPECT_EQ(follower.apply(unbegun, rows).code(), Code::failed_precondition);

@@ -42,7 +42,7 @@ TEST(Pose, RotationsAreAccumulatedFromTheRoot) {
   EXPECT_NEAR(rotations[9], std::sin(0.5F), 1e-6);
 }
 
-TEST(Pose, InterpolationTurnsEvenlyAndTheShorterWayRound) {
+TEST(Pose, InterpolationTurnsEvenlyAndTheShorterWay) {
   const Rig rig = chain_rig();
   const std::vector<float> from = chain_row(rig, 0);
   std::vector<float> to = chain_row(rig, 4);
@@ -60,7 +60,7 @@ TEST(Pose, InterpolationTurnsEvenlyAndTheShorterWayRound) {
   EXPECT_EQ(out[rig.contact_column], 1);
 }
 
-TEST(Pose, InterpolationGivesUnitRotationsForNearlyEqualOnes) {
+TEST(Pose, InterpolationOfNearlyEqualRotationsHasUnitLength) {
   const Rig rig = chain_rig();
   const std::vector<float> from = chain_row(rig, 0);
   std::vector<float> to = chain_row(rig, 0);
@@ -72,7 +72,7 @@ TEST(Pose, InterpolationGivesUnitRotationsForNearlyEqualOnes) {
   EXPECT_NEAR(q[1], std::sin(0.0025F), 1e-6);
 }
 
-TEST(Pose, TheEndsAreTheFramesThemselves) {
+TEST(Pose, InterpolationEndsAtTheFramesThemselves) {
   const Rig rig = chain_rig();
   const std::vector<float> from = chain_row(rig, 1);
   std::vector<float> to = chain_row(rig, 2);

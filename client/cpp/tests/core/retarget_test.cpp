@@ -46,7 +46,7 @@ void take_map(const testing::GoldenLine& line, JointMap& map) {
   }
 }
 
-TEST(Retarget, IsThatOfThePythonClient) {
+TEST(Retarget, EqualsThatOfThePythonClient) {
   const Rig rig = testing::golden_rig();
   UserSkeleton body;
   JointMap map;
@@ -75,7 +75,7 @@ TEST(Retarget, IsThatOfThePythonClient) {
   EXPECT_EQ(num_frames, 12U);
 }
 
-TEST(Retarget, SaysWhatIsWrong) {
+TEST(Retarget, IncompleteSkeletonOrMapIsRefusedAndJointsAreNamed) {
   const Rig rig = testing::golden_rig();
   UserSkeleton body;
   JointMap map;
@@ -120,7 +120,7 @@ struct Body {
   Code made() const { return Retargeter::make(testing::golden_rig(), skeleton, map).status().code(); }
 };
 
-TEST(Retarget, NumbersThatMeanNothingAreRefused) {
+TEST(Retarget, InvalidNumbersAndChainsAreRefused) {
   EXPECT_EQ(Body().made(), Code::ok);
   using Spoil = void (*)(Body&);
   const Spoil spoilt[] = {

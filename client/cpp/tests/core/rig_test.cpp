@@ -11,7 +11,7 @@ namespace {
 
 using testing::chain_rig;
 
-TEST(Rig, FindsItsBlocksBesideThoseItDoesNotKnow) {
+TEST(Rig, KnownBlocksAreFoundBesideUnknownOnes) {
   const Rig rig = chain_rig();
   EXPECT_EQ(rig.row_width, 21U);
   EXPECT_EQ(rig.root_column, 0U);
@@ -19,7 +19,7 @@ TEST(Rig, FindsItsBlocksBesideThoseItDoesNotKnow) {
   EXPECT_EQ(rig.contact_column, 17U);
 }
 
-TEST(Rig, NamesTheJointsThereAreWhenAskedForAnother) {
+TEST(Rig, UnknownJointErrorListsTheKnownJoints) {
   const Rig rig = chain_rig();
   EXPECT_EQ(rig.joint("Head").value(), 2U);
   const auto missing = rig.joint("Tail");
@@ -28,7 +28,7 @@ TEST(Rig, NamesTheJointsThereAreWhenAskedForAnother) {
   EXPECT_NE(missing.status().message().find("Hips, Spine, Head"), std::string::npos);
 }
 
-TEST(Rig, RefusesCountsThatContradictEachOther) {
+TEST(Rig, InconsistentRigsAreRefused) {
   const auto broken = [](auto change) {
     Rig rig = chain_rig();
     change(rig);
@@ -40,7 +40,7 @@ TEST(Rig, RefusesCountsThatContradictEachOther) {
   EXPECT_TRUE(broken([](Rig& rig) { rig.parents[0] = 0; }));
   EXPECT_TRUE(broken([](Rig& rig) { rig.frame_rate_hz = 0; }));
   EXPECT_TRUE(broken([](Rig& rig) { rig.hip_joints = {1}; }));
-  EXPECT_TRUE(broken([](Rig& rig) { rig.hip_joints = {1, 3}; })) << "who reads a row by it reads past its end";
+  EXPECT_TRUE(broken([](Rig& rig) { rig.hip_joints = {1, 3}; })) << "it would be read past the end of a row";
   EXPECT_FALSE(broken([](Rig& rig) { rig.hip_joints = {1, 2}; }));
   EXPECT_TRUE(broken([](Rig& rig) { rig.limbs = {{"LeftFoot", {2, 0xFFFFFFFF}}}; }));
   EXPECT_FALSE(broken([](Rig& rig) { rig.limbs = {{"LeftFoot", {1, 2}}}; }));
@@ -53,7 +53,7 @@ TEST(Rig, RefusesCountsThatContradictEachOther) {
   EXPECT_FALSE(broken([](Rig&) {}));
 }
 
-TEST(Rig, RefusesOutputsOfAnotherWidthThanTheirName) {
+TEST(Rig, OutputsOfAWrongWidthAreRefused) {
   const auto checked = [](const char* name, std::uint32_t width) {
     Rig rig = chain_rig();
     rig.outputs = {{name, width}};

@@ -37,7 +37,7 @@ void tell(const testing::GoldenLine& line, Timeline& timeline) {
   }
 }
 
-TEST(Sampling, ShowsWhatThePythonClientShows) {
+TEST(Sampling, PosesEqualThoseOfThePythonClient) {
   const Rig rig = testing::golden_rig();
   std::optional<Timeline> timeline;
   std::vector<float> row(rig.row_width);

@@ -9,7 +9,7 @@
 namespace motiongen {
 namespace {
 
-TEST(Steering, IsThatOfThePythonClient) {
+TEST(Steering, EqualsThatOfThePythonClient) {
   const auto lines = testing::read_golden("steering");
   ASSERT_GT(lines.size(), 30U);
   for (const auto& line : lines) {
@@ -31,7 +31,7 @@ TEST(Steering, IsThatOfThePythonClient) {
   }
 }
 
-TEST(Steering, SaysWhatIsWrong) {
+TEST(Steering, InvalidStickValuesAndPointsAreRefused) {
   EXPECT_EQ(stick_velocity(std::numeric_limits<float>::quiet_NaN(), 0).status().code(), Code::invalid_argument);
   EXPECT_EQ(stick_velocity(1, 0, {0, 1, 1}).status().code(), Code::invalid_argument);
   const std::vector<float> points = {0, 0, 1};

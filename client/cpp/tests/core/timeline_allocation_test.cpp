@@ -12,7 +12,7 @@ namespace {
 using testing::chain_rig;
 using testing::num_allocations;
 
-TEST(TimelineAllocation, TenMinutesOfPlayAskForNoMemory) {
+TEST(TimelineAllocation, TenMinutesOfPlaybackAllocateNoMemory) {
   constexpr std::uint32_t kChunk = 4;
   constexpr std::uint32_t kAhead = 40;
   const Rig rig = chain_rig();

@@ -17,7 +17,7 @@ using testing::Walk;
 
 float first_number(const Timeline& timeline, std::uint64_t frame) { return timeline.row(frame).value()[0]; }
 
-TEST(Timeline, ANewPlanReplacesWhatWasNotShown) {
+TEST(Timeline, NewPlanReplacesFramesNotYetShown) {
   Timeline timeline = small_timeline();
   ASSERT_TRUE(timeline.announce_plan(1, 0));
   ASSERT_TRUE(add(timeline, 1, 0, 10));
@@ -30,7 +30,7 @@ TEST(Timeline, ANewPlanReplacesWhatWasNotShown) {
   EXPECT_EQ(timeline.late_plans(), 0U);
 }
 
-TEST(Timeline, AFrameThatWasShownStaysAsItWas) {
+TEST(Timeline, LatePlanDoesNotChangeFramesAlreadyShown) {
   Timeline timeline = small_timeline();
   ASSERT_TRUE(timeline.announce_plan(1, 0));
   ASSERT_TRUE(add(timeline, 1, 0, 10));
@@ -45,7 +45,7 @@ TEST(Timeline, AFrameThatWasShownStaysAsItWas) {
   EXPECT_EQ(timeline.buffered_to(), 10U);
 }
 
-TEST(Timeline, RefusesWhatBreaksTheProtocolAndChangesNothing) {
+TEST(Timeline, ProtocolViolationsAreRefusedAndChangeNothing) {
   Timeline timeline = small_timeline();
   ASSERT_TRUE(timeline.announce_plan(1, 0));
   ASSERT_TRUE(add(timeline, 1, 0, 10, 4));
@@ -66,7 +66,7 @@ TEST(Timeline, RefusesWhatBreaksTheProtocolAndChangesNothing) {
   EXPECT_EQ(timeline.plan(), 1U);
 }
 
-TEST(Timeline, HoldsTheLastPoseAndCountsUntilFramesCome) {
+TEST(Timeline, LastPoseIsHeldAndUnderrunsCountedUntilFramesCome) {
   Timeline timeline = small_timeline();
   ASSERT_TRUE(timeline.announce_plan(1, 0));
   ASSERT_TRUE(add(timeline, 1, 0, 2));
@@ -82,7 +82,7 @@ TEST(Timeline, HoldsTheLastPoseAndCountsUntilFramesCome) {
   EXPECT_EQ(timeline.advance(0.26).size(), 1U);
 }
 
-TEST(Timeline, KeepsAsManyFramesBehindThePlayheadAsAsked) {
+TEST(Timeline, OnlyKeepFramesAreKeptBehindThePlayhead) {
   Timeline timeline = small_timeline(2);
   ASSERT_TRUE(timeline.announce_plan(1, 0));
   ASSERT_TRUE(add(timeline, 1, 0, 10));
@@ -94,7 +94,7 @@ TEST(Timeline, KeepsAsManyFramesBehindThePlayheadAsAsked) {
   EXPECT_EQ(timeline.advance_to(10).status().code(), Code::out_of_range);
 }
 
-TEST(Timeline, SamplesBetweenFrames) {
+TEST(Timeline, SamplesAreInterpolatedAndStandStillWhilePaused) {
   const Rig rig = chain_rig();
   TimelineOptions options;
   options.row_width = rig.row_width;
@@ -125,19 +125,19 @@ TEST(Timeline, SamplesBetweenFrames) {
   EXPECT_NEAR(x_at(9.0), 2.0, 1e-5);  // the last one is held
 }
 
-TEST(Timeline, TheJumpToWhatAReplanMakesFades) {
+TEST(Timeline, ReplanFadesInFromThePoseShown) {
   Walk walk(0.1);
   walk.plan(1, 0, 0);
   EXPECT_NEAR(walk.x_at(0.0), 0.0, 1e-5);
   EXPECT_NEAR(walk.x_at(0.025), 0.5, 1e-5);
   walk.plan(2, 1, 11);  // instead of 1 the next frame is at 11
-  EXPECT_NEAR(walk.x_at(0.025), 0.5, 1e-5) << "what is due is at 5.5, and 5 off";
-  EXPECT_NEAR(walk.x_at(0.075), 11.5 - 2.5, 1e-4) << "half of the gap after half of the time";
+  EXPECT_NEAR(walk.x_at(0.025), 0.5, 1e-5) << "the new pose is at 5.5, a gap of 5";
+  EXPECT_NEAR(walk.x_at(0.075), 11.5 - 2.5, 1e-4) << "half of the gap after half of blend_s";
   EXPECT_NEAR(walk.x_at(0.126), 12.52, 1e-4);
   EXPECT_EQ(walk.timeline().late_plans(), 0U);
 }
 
-TEST(Timeline, PlaysAtAnotherPace) {
+TEST(Timeline, TimeScaleSetsThePaceAndExtremeOnesAreRefused) {
   Walk walk(0);
   walk.plan(1, 0, 0);
   EXPECT_NEAR(walk.x_at(0.0), 0.0, 1e-5);
@@ -146,10 +146,10 @@ TEST(Timeline, PlaysAtAnotherPace) {
   EXPECT_NEAR(walk.x_at(1.1), 1.0, 1e-5);
   EXPECT_NEAR(walk.x_at(1.15), 1.5, 1e-5);
   EXPECT_EQ(walk.timeline().set_time_scale(0).code(), Code::invalid_argument);
-  EXPECT_EQ(walk.timeline().set_time_scale(1e308).code(), Code::invalid_argument) << "frames a second without end";
+  EXPECT_EQ(walk.timeline().set_time_scale(1e308).code(), Code::invalid_argument) << "infinitely many frames a second";
 }
 
-TEST(Timeline, AnotherSessionGoesOnAfterWhatIsHeld) {
+TEST(Timeline, NewSessionContinuesAfterTheHeldFrames) {
   Timeline timeline = small_timeline();
   ASSERT_TRUE(timeline.announce_plan(7, 0));
   ASSERT_TRUE(add(timeline, 7, 0, 10, 4));
@@ -160,18 +160,18 @@ TEST(Timeline, AnotherSessionGoesOnAfterWhatIsHeld) {
   EXPECT_EQ(first_number(timeline, 10), 1010);
 }
 
-// A source of so many bytes, which are never taken.
+// A source of a number of bytes, which are never taken.
 class Nothing final : public RowSource {
  public:
   explicit Nothing(std::size_t bytes) : bytes_(bytes) {}
   std::size_t num_bytes() const override { return bytes_; }
-  void take(std::size_t, void*) override { ADD_FAILURE() << "it was to be refused before"; }
+  void take(std::size_t, void*) override { ADD_FAILURE() << "it must be refused before it is read"; }
 
  private:
   std::size_t bytes_;
 };
 
-TEST(Timeline, HoldsNoMoreAheadThanThereIsMemoryFor) {
+TEST(Timeline, FramesBeyondTheLookAheadMemoryAreAProtocolViolation) {
   Timeline timeline = small_timeline();
   ASSERT_TRUE(timeline.announce_plan(1, 0, false));
   const std::uint32_t most = Timeline::kMostAheadBytes / 8;
@@ -180,7 +180,7 @@ TEST(Timeline, HoldsNoMoreAheadThanThereIsMemoryFor) {
   EXPECT_TRUE(add(timeline, 1, 0, 4));
 }
 
-TEST(Timeline, CountsNoFartherThanTheContract) {
+TEST(Timeline, FramesBeyondTheLastFrameAreAProtocolViolation) {
   TimelineOptions options;
   options.row_width = 2;
   options.start_frame = kLastFrame - 4;
@@ -196,18 +196,18 @@ TEST(Timeline, CountsNoFartherThanTheContract) {
   EXPECT_EQ(Timeline::make(options).status().code(), Code::invalid_argument);
 }
 
-TEST(Timeline, NoMoreCutsAreAnnouncedAheadThanAnyoneMakes) {
+TEST(Timeline, MoreThan64CutsAheadAreAProtocolViolation) {
   Timeline timeline = small_timeline();
   for (std::uint32_t plan = 1; plan <= 64; ++plan) ASSERT_TRUE(timeline.announce_plan(plan, 100 + plan, true));
   EXPECT_EQ(timeline.announce_plan(65, 1000, true).reason(), "PROTOCOL_VIOLATION");
-  EXPECT_TRUE(timeline.announce_plan(65, 110, true)) << "it takes the place of those behind it";
+  EXPECT_TRUE(timeline.announce_plan(65, 110, true)) << "it replaces those behind it";
   EXPECT_TRUE(timeline.is_cut(109));
   EXPECT_FALSE(timeline.is_cut(111));
   EXPECT_EQ(timeline.cut_before(110), 109U);
   EXPECT_EQ(timeline.cut_before(101), std::nullopt);
 }
 
-TEST(Timeline, RefusesOptionsThatMakeNoSense) {
+TEST(Timeline, InvalidOptionsAreRefused) {
   TimelineOptions options;
   EXPECT_EQ(Timeline::make(options).status().code(), Code::invalid_argument);
   options.row_width = 1;

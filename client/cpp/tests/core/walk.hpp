@@ -1,4 +1,4 @@
-// A timeline of a chain that walks straight on, for tests of what is shown of it.
+// A timeline of a chain that walks straight ahead, for tests of the poses that are shown.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -21,7 +21,7 @@ inline std::vector<float> walk(const Rig& rig, std::uint32_t num_frames, float x
   return rows;
 }
 
-// A timeline that is told of plans of such frames, five each, and sampled.
+// A timeline with plans of five such frames each, which is sampled.
 class Walk {
  public:
   explicit Walk(double blend_s) : rig_(chain_rig()), out_(rig_.row_width), timeline_(make(rig_, blend_s)) {}

@@ -25,6 +25,7 @@ FrameRange Timeline::advance(double now_s) {
   }
   const std::uint64_t due = count_of(std::floor((now_s - s.due_s) * s.pace_hz + kEarlyFrames) + 1);
   const FrameRange reached = s.move(std::min(due, left));
+  s.forget(reached.first);
   if (due > left) {
     if (!is_set(s.held_since_s)) {
       s.held_since_s = s.due_s;
@@ -52,6 +53,7 @@ Result<FrameRange> Timeline::advance_to(std::uint64_t frame) {
     s.start(frame);
     reached = {before, frame + 1};
   }
+  s.forget(frame);
   s.due_s = s.held_since_s = kNever;
   s.blend = 0;
   return reached;

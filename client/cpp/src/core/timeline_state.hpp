@@ -71,7 +71,6 @@ struct Timeline::State {
   void start(std::uint64_t frame) {
     started = true;
     playhead = frame;
-    forget();
   }
 
   FrameRange move(std::uint64_t count) {
@@ -79,7 +78,6 @@ struct Timeline::State {
     playhead += count;
     if (count > 0) blend = 0;
     if (is_set(due_s)) due_s += static_cast<double>(count) / pace_hz;
-    forget();
     return {first, playhead + 1};
   }
 
@@ -90,11 +88,13 @@ struct Timeline::State {
     held_frames = frames;
   }
 
-  void forget() {
-    if (options.keep_frames == TimelineOptions::kKeepAll || playhead < first_kept + options.keep_frames) return;
-    const std::uint64_t surplus = playhead - options.keep_frames - first_kept;
-    rows.drop_front(surplus);
-    first_kept += surplus;
+  // Drop old frames, all of them before a frame: those that were newly reached are still to be read.
+  void forget(std::uint64_t before) {
+    if (options.keep_frames == TimelineOptions::kKeepAll || playhead < options.keep_frames) return;
+    const std::uint64_t end = std::min(playhead - options.keep_frames, before);
+    if (end <= first_kept) return;
+    rows.drop_front(end - first_kept);
+    first_kept = end;
   }
 };
 

@@ -94,6 +94,19 @@ TEST(Timeline, OnlyKeepFramesAreKeptBehindThePlayhead) {
   EXPECT_EQ(timeline.advance_to(10).status().code(), Code::out_of_range);
 }
 
+TEST(Timeline, FramesJustReachedAreReadableHoweverFewAreKept) {
+  Timeline timeline = small_timeline(0);
+  ASSERT_TRUE(timeline.announce_plan(1, 0));
+  ASSERT_TRUE(add(timeline, 1, 0, 20));
+  static_cast<void>(timeline.advance(0));
+  const FrameRange reached = timeline.advance(0.25);  // five frame times later
+  EXPECT_EQ(reached.first, 1U);
+  EXPECT_EQ(reached.end, 6U);
+  EXPECT_EQ(timeline.first_kept(), 1U);
+  static_cast<void>(timeline.advance(0.3));
+  EXPECT_EQ(timeline.first_kept(), 6U);
+}
+
 TEST(Timeline, SamplesAreInterpolatedAndStandStillWhilePaused) {
   const Rig rig = chain_rig();
   TimelineOptions options;

@@ -64,7 +64,9 @@ struct TimelineOptions {
   double frame_rate_hz = 20;
   std::uint32_t row_width = 0;  // floats of a frame row
   std::uint64_t start_frame = 0;
-  std::uint32_t keep_frames = 0;     // behind the playhead that stay readable; kKeepAll: all, memory grows for ever
+  // Frames behind the playhead that stay readable, beside those that `advance` has just reached; kKeepAll: all of them,
+  // so that memory grows for ever.
+  std::uint32_t keep_frames = 0;
   std::uint32_t reserve_frames = 0;  // frames ahead of the playhead for which memory is reserved at the start
   double blend_s = 0.15;             // how long a jump in what `sample` shows takes to fade out; 0: jumps are shown
 };

@@ -78,6 +78,10 @@ async def end_with(context: Context, code: grpc.StatusCode, details: str, traili
     await asyncio.sleep(SEEN_GONE_S)
     try:
         await context.abort(code, details, trailing_metadata)
+    except grpc.aio.AbortError as error:
+        # gRPC keeps it with the call: its traceback would keep the call, and all headers, until garbage is collected.
+        asyncio.get_running_loop().call_soon(error.with_traceback, None)
+        raise
     except CLIENT_GONE as error:
         raise asyncio.CancelledError from error
 

@@ -35,7 +35,7 @@ class Engines(Process):
         return Built(self.engines[source], FACTS, "CC0-1.0")  # type: ignore[arg-type]
 
 
-def test_an_engine_is_told_of_owners_what_concerns_it() -> None:
+def test_engine_is_told_only_of_owners_that_concern_it() -> None:
     process = Engines()
     try:
         for slot, source in enumerate(process.engines, 1):

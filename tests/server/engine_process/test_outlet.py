@@ -68,7 +68,7 @@ def way(monkeypatch: pytest.MonkeyPatch) -> Way:
     return Way(monkeypatch)
 
 
-def test_reports_are_sent_together_and_no_more_often_than_may_be(way: Way) -> None:
+def test_reports_are_sent_in_batches_at_most_at_the_allowed_pace(way: Way) -> None:
     for rows in (1, 2, 3):
         way.outlet.observe(StepReport(rows=rows))
         way.now_s += 0.49 * PULSE_EVERY_S
@@ -81,9 +81,7 @@ def test_reports_are_sent_together_and_no_more_often_than_may_be(way: Way) -> No
     assert (pulse.slot, pulse.heartbeat_at) == (SLOT, way.now_s)
 
 
-def test_reports_are_kept_while_the_gateway_does_not_read_the_newest_of_too_many(
-    way: Way, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_newest_reports_are_kept_while_the_gateway_does_not_read(way: Way, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(outlet_module, "MOST_REPORTS", 3)
     outlet = Outlet(way.wire, SLOT)
     way.socket.room = 0
@@ -98,7 +96,7 @@ def test_reports_are_kept_while_the_gateway_does_not_read_the_newest_of_too_many
     assert way.rows() == [[3, 4, 5]]
 
 
-def test_who_flushes_is_told_once_that_messages_wait_and_again_the_next_time(way: Way) -> None:
+def test_each_flush_reports_once_that_messages_wait(way: Way) -> None:
     for times in (1, 2):
         way.socket.room = 0
         way.outlet.deliver([CHUNK])
@@ -115,7 +113,7 @@ def test_who_flushes_is_told_once_that_messages_wait_and_again_the_next_time(way
     assert [len(each.outputs) for each in said if isinstance(each, Outputs)] == [1, 0, 1, 0]
 
 
-def test_at_the_end_what_waits_is_waited_for_and_given_up_in_the_end(way: Way) -> None:
+def test_end_waits_for_waiting_messages_and_gives_up_after_a_time(way: Way) -> None:
     way.socket.room = 0
     for _ in range(3):
         way.outlet.deliver([CHUNK])

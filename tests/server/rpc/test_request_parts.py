@@ -103,7 +103,7 @@ def test_message_that_ends_within_a_field_is_malformed(data: bytes, what: str) -
         walked(data)
 
 
-def test_a_number_that_does_not_end_is_read_no_further_than_ten_bytes() -> None:
+def test_unterminated_number_is_read_for_ten_bytes_at_most() -> None:
     """Else a megabyte of it would be put together a byte at a time."""
     assert varint(b"\xff" * 9 + b"\x01", 0) == (2**64 - 1, 10)
     with pytest.raises(Malformed, match="before byte 10 "):
@@ -166,7 +166,7 @@ def test_no_part_has_more_fields_than_are_parsed_at_once() -> None:
     assert sizes_of([small] * 100) == [FIELDS_A_PART // (small.ByteSize() // 2)] * 10
 
 
-def test_an_event_may_have_as_many_fields_as_fit_into_a_small_one_or_as_many_as_any() -> None:
+def test_field_limit_of_an_event_depends_on_its_size() -> None:
     small = b"\x6a\x00" * (SMALL_EVENT_BYTES // 2)
     assert len(small) == SMALL_EVENT_BYTES > 2 * MOST
     ((part, is_overgrown),) = walked(wrapped(small))[0].events()
@@ -185,7 +185,7 @@ def test_fields_of_a_clip_are_counted_at_every_level() -> None:
     assert num_fields(data, 0, len(data), CLIP, MOST) == 2 + 9 * 2
 
 
-def test_a_message_may_say_so_much_of_the_stream_itself() -> None:
+def test_control_fields_of_a_message_are_limited() -> None:
     said = service_pb2.StreamMotionRequest(hello=HELLO).SerializeToString()
     parts, count = walked(said * MOST_CONTROL_FIELDS)
     assert (parts.control().hello, count) == (HELLO, 0)

@@ -68,7 +68,7 @@ async def expect_refusals(door: StartingService) -> None:
     assert "try again when its health is SERVING" in details
 
 
-async def test_calls_are_refused_until_the_service_is_there_and_again_while_it_is_away() -> None:
+async def test_calls_are_refused_before_the_service_exists_and_while_it_is_unavailable() -> None:
     door, service = StartingService(), Service()
     assert not door.is_open
     await expect_refusals(door)
@@ -80,7 +80,7 @@ async def test_calls_are_refused_until_the_service_is_there_and_again_while_it_i
     assert service.given == []
 
 
-async def test_calls_are_passed_on_as_they_came_once_the_service_is_there() -> None:
+async def test_calls_are_passed_on_unchanged_once_the_service_exists() -> None:
     door, service = StartingService(), Service()
     door.open(service)  # type: ignore[arg-type]
     calls: list[Any] = [object() for _ in range(4)]
@@ -90,7 +90,7 @@ async def test_calls_are_passed_on_as_they_came_once_the_service_is_there() -> N
     assert service.given == [(calls[0],), (calls[1],), (calls[2], calls[3])]
 
 
-async def test_a_stream_whose_client_has_gone_already_is_sent_no_status() -> None:
+async def test_stream_whose_client_is_gone_is_sent_no_status() -> None:
     """gRPC would keep the memory of a status that it cannot deliver."""
     context = Context()
     serving = asyncio.ensure_future(StartingService().StreamMotion(object(), context))  # type: ignore[arg-type]

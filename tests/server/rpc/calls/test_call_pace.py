@@ -88,9 +88,7 @@ def test_headers_beyond_those_of_a_caller_count_as_calls(pace: CallPace, clock: 
     assert begun_with(7 * HEADERS_A_CALL) == RATE // 8 + 1
 
 
-def test_addresses_that_have_not_called_of_late_are_forgotten_once_they_owe_nothing(
-    pace: CallPace, clock: list[float]
-) -> None:
+def test_silent_addresses_are_forgotten_once_they_owe_nothing(pace: CallPace, clock: list[float]) -> None:
     for number in range(1, RATE):
         pace.allows(f"ipv4:10.1.0.{number}:1")
     for number in range(2 * RATE):

@@ -31,11 +31,11 @@ async def begun(callers: Any) -> asyncio.Task[None]:
     return call
 
 
-async def test_a_call_whose_keys_are_known_does_not_wait() -> None:
+async def test_call_with_known_keys_does_not_wait() -> None:
     assert (await begun(Callers(None))).done()
 
 
-async def test_a_call_waits_until_the_keys_are_there() -> None:
+async def test_call_waits_until_the_keys_are_fetched() -> None:
     fetch: Future[None] = Future()
     call = await begun(Callers(fetch))
     assert not call.done()
@@ -44,7 +44,7 @@ async def test_a_call_waits_until_the_keys_are_there() -> None:
         await call
 
 
-async def test_a_call_that_is_cancelled_leaves_the_others_their_keys() -> None:
+async def test_cancelled_call_does_not_stop_the_fetch_for_others() -> None:
     fetch: Future[None] = Future()
     given_up, other = await begun(Callers(fetch)), await begun(Callers(fetch))
     given_up.cancel()
@@ -57,7 +57,7 @@ async def test_a_call_that_is_cancelled_leaves_the_others_their_keys() -> None:
         await other
 
 
-async def test_keys_that_do_not_come_are_not_waited_for_any_longer(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_call_stops_waiting_for_keys_after_the_time_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(issuer_keys, "WITHIN_S", 0.0)
     fetch: Future[None] = Future()
     async with asyncio.timeout(LIMIT_S):

@@ -96,7 +96,7 @@ async def test_a_message_is_charged_for_itself_its_bytes_and_its_events(message:
     assert len(reading.taken) == num_events
 
 
-async def test_a_client_is_listened_to_between_its_messages_and_not_while_one_is_taken() -> None:
+async def test_client_counts_as_silent_between_messages_but_not_while_one_is_processed() -> None:
     """Otherwise a client would be ended as silent while the server reads, or waits for payment of, what it has said."""
     reading = Reading(HELLO, SOME, LONG)
     await reading.to_the_end()
@@ -108,9 +108,7 @@ async def test_a_client_is_listened_to_between_its_messages_and_not_while_one_is
 @pytest.mark.parametrize(
     ("message", "times"), [(SOME, 0), (MANY, PARSED), (LONG, TAKEN_APART)], ids=["short", "longer", "long"]
 )
-async def test_what_a_message_takes_in_memory_is_held_against_its_peer_while_it_is_taken(
-    message: bytes, times: int
-) -> None:
+async def test_memory_of_a_message_counts_for_its_peer_while_it_is_processed(message: bytes, times: int) -> None:
     reading = Reading(HELLO, message)
     await reading.to_the_end()
     assert set(reading.held) == {times * len(message)}
@@ -122,7 +120,7 @@ async def test_what_a_message_takes_in_memory_is_held_against_its_peer_while_it_
     [(MANY, 0, EVENTS_A_TURN), (LONG, 2 + 1, EVENTS_A_TURN), (FULL, 1 + 1, FIELDS_A_PART // FIELDS)],
     ids=["a short message", "many events", "many fields"],
 )
-async def test_others_have_turns_while_a_message_is_counted_and_while_it_is_taken(
+async def test_event_loop_serves_others_while_a_message_is_counted_and_processed(
     message: bytes, first: int, most: int
 ) -> None:
     """first: turns before anything of it is taken; most: events between turns."""
@@ -133,14 +131,14 @@ async def test_others_have_turns_while_a_message_is_counted_and_while_it_is_take
     assert max(later - earlier for earlier, later in pairwise([0, *between])) == most
 
 
-async def test_others_have_a_turn_after_an_event_that_costs_as_much_as_many() -> None:
+async def test_event_loop_serves_others_after_an_expensive_event() -> None:
     reading = Reading(HELLO, SOME)
     reading.cost = float(EVENTS_A_TURN)
     await reading.to_the_end()
     assert reading.turns == [1, 2, 3]
 
 
-async def test_what_a_long_message_says_of_the_stream_itself_is_taken_too() -> None:
+async def test_control_fields_of_a_long_message_are_processed() -> None:
     reading = Reading(HELLO, SOME, PING + LONG)
     await reading.to_the_end()
     assert [each.WhichOneof("stream_event") for each in reading.stream.responses] == ["hello", "pong"]

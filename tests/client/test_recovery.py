@@ -204,6 +204,7 @@ async def test_placements_of_a_reopened_session_are_in_frames_of_the_application
     monkeypatch.setattr(FakeStream, "push", with_placement)
     session = await client.open("a person walks")
     (before,) = session.opened.placements
+    await until(lambda: session.playback.buffered_to or None)
     server.stream.end()
     await until(lambda: session.reopenings or None)
     frame = session.reopenings[0].frame

@@ -63,8 +63,8 @@ class NotAllowed(MotiongenError, PermissionError):
 class StreamLost(MotiongenError, ConnectionError):
     """The stream ended for good, and its sessions with it. Open a new stream and new sessions.
 
-    A stream recovers from losses by itself (`LinePolicy`). This is raised if a new call would end in the same way, or
-    if the time for recovery is over.
+    A stream recovers from losses by itself (`LinePolicy`). This is raised if a new call would end in the same way, if
+    the time for recovery is over, or if the first call of a stream is cut before the server has answered its hello.
 
     code: name of the gRPC status, for example "UNAVAILABLE"; detail: the status text; reason: stable name of the cause,
     if the server gave one.

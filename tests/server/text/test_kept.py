@@ -72,8 +72,8 @@ async def test_prompts_are_encoded_without_a_stalled_store(
     assert caplog.text.count("prompt store has not answered within") == 1
     store.go.set()
     await asyncio.to_thread(prompts.close)
-    assert (store.asked, store.put_in) == (["walk 0", "wave 0"], [])
-    assert store.is_closed
+    assert store.asked in (["walk 0"], ["walk 0", "wave 0"])  # its thread may have taken the second before the close
+    assert (store.put_in, store.is_closed) == ([], True)
 
 
 async def test_requests_that_wait_for_the_store_are_bounded(

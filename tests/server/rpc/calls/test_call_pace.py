@@ -10,9 +10,9 @@ import pytest
 
 from motiongen_server.config import ServerConfig
 from motiongen_server.rpc import grpc_server
+from motiongen_server.rpc.budgets.connection_shares import FORGET_AFTER_S
 from motiongen_server.rpc.calls.call_pace import (
     CALLS_A_SECOND,
-    FORGET_AFTER_S,
     HEADERS_A_CALL,
     MOST_OWED_S,
     CallPace,

@@ -7,10 +7,10 @@ import asyncio
 import pytest
 
 from motiongen_server.errors import StreamRefused
+from motiongen_server.rpc.budgets.connection_shares import FORGET_AFTER_S
 from motiongen_server.rpc.calls import health_pace
 from motiongen_server.rpc.calls.health_pace import (
     CHECKS_PER_SECOND,
-    FORGET_AFTER_S,
     MOST_WAITING,
     MOST_WAITING_OF_A_CONNECTION,
     MOST_WAITING_OF_AN_ADDRESS,
@@ -128,8 +128,8 @@ async def test_connections_that_stop_asking_are_forgotten(monkeypatch: pytest.Mo
     for number in range(10_000):
         time.now += 0.02
         await pace.wait(f"ipv4:10.0.{number % 250}.7:{number}")
-    assert len(pace._connections) < 250
-    assert len(pace._addresses) < 250
+    assert pace._shares.num_connections < 250
+    assert pace._shares.num_addresses < 250
 
 
 async def test_forgotten_connections_do_not_reduce_the_part_of_others(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -58,11 +58,7 @@ TEST(Ending, ClientMayBeDestroyedWhileItReconnectsAndThreadsWait) {
     ScriptedServer server;
     server.hear = [](const v1::SessionEvent& event, ScriptedServer::Stream& stream) {
       if (!event.has_open()) return;
-      v1::StreamMotionResponse said;
-      said.add_updates()->set_session(event.session());
-      said.mutable_updates()->rbegin()->mutable_opened()->set_rig_id("r");
-      said.mutable_updates()->rbegin()->mutable_opened()->set_model_id("m");
-      stream.Write(said);
+      stream.Write(ScriptedServer::opened(event));
     };
     std::promise<void> lost;
     ClientOptions options = server.options();

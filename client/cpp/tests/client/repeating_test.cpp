@@ -244,11 +244,7 @@ TEST(Repeating, ClientSendsTheRestByItsClock) {
   server.add_to_catalog = [](v1::GetCatalogResponse& told) { told.mutable_limits()->set_max_events_per_second(40); };
   server.hear = [&](const v1::SessionEvent& event, ScriptedServer::Stream& stream) {
     if (event.has_open()) {
-      v1::StreamMotionResponse said;
-      said.add_updates()->set_session(event.session());
-      said.mutable_updates(0)->mutable_opened()->set_rig_id("r");
-      said.mutable_updates(0)->mutable_opened()->set_model_id("m");
-      stream.Write(said);
+      stream.Write(ScriptedServer::opened(event));
     } else if (event.has_edit_prompts()) {
       const std::lock_guard<std::mutex> lock(mutex);
       heard.push_back(event.event_seq());

@@ -36,11 +36,7 @@ TEST(RepeatingThreads, EveryEditIsSentOnceAndInOrder) {
   };
   server.hear = [&](const v1::SessionEvent& event, ScriptedServer::Stream& stream) {
     if (event.has_open()) {
-      v1::StreamMotionResponse said;
-      said.add_updates()->set_session(event.session());
-      said.mutable_updates(0)->mutable_opened()->set_rig_id("r");
-      said.mutable_updates(0)->mutable_opened()->set_model_id("m");
-      stream.Write(said);
+      stream.Write(ScriptedServer::opened(event));
     } else if (event.has_edit_prompts()) {
       const std::lock_guard<std::mutex> lock(mutex);
       heard.push_back(event.event_seq());

@@ -68,6 +68,16 @@ class ScriptedServer final : public v1::MotionService::Service {
     return made;
   }
 
+  // The answer to an event that opens a session.
+  static v1::StreamMotionResponse opened(const v1::SessionEvent& open) {
+    v1::StreamMotionResponse said;
+    v1::SessionUpdate& update = *said.add_updates();
+    update.set_session(open.session());
+    update.mutable_opened()->set_rig_id("r");
+    update.mutable_opened()->set_model_id("m");
+    return said;
+  }
+
   ClientOptions options() const {
     ClientOptions made;
     made.address = "127.0.0.1:" + std::to_string(port_);

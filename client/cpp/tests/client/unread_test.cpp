@@ -119,11 +119,7 @@ struct Unreading {
   Unreading() {
     server.hear = [released = release.get_future().share()](const v1::SessionEvent& event,
                                                             ScriptedServer::Stream& stream) {
-      v1::StreamMotionResponse said;
-      said.add_updates()->set_session(event.session());
-      said.mutable_updates(0)->mutable_opened()->set_rig_id("r");
-      said.mutable_updates(0)->mutable_opened()->set_model_id("m");
-      if (event.has_open()) stream.Write(said);
+      if (event.has_open()) stream.Write(ScriptedServer::opened(event));
       released.wait();
     };
     core = std::make_shared<ClientCore>(server.options());

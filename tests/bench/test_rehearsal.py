@@ -57,6 +57,17 @@ def test_stick_is_followed_as_often_as_it_is_sent() -> None:
     assert found.windows > 0.9 * 4 * 10 * 11  # ten a second, eleven seconds
 
 
+@pytest.mark.parametrize(("name", "asking"), [("mixed", 300), ("churn", 300), ("crowd", 512)])
+def test_newcomers_of_a_full_machine_have_frames_within_a_second(name: str, asking: int) -> None:
+    """More ask than there is room for. First windows used to wait for all others of more urgent classes: in `mixed`, of
+    the crowd that was admitted, some had no frames for 19 s."""
+    found = _rehearse(name, asking)
+    for priority, seen in found.outcomes.items():
+        assert seen.missed_s <= 0.001 * found.frames_s[priority]
+        assert max(seen.opens_s, default=0.0) < 1.05
+    assert sum(seen.refused for seen in found.outcomes.values()) > 0
+
+
 def test_machine_that_slows_down_by_nearly_half_costs_the_crowd_few_frames() -> None:
     """The sessions admitted before are too many for it. When a class was held as a whole or not at all, 4.9 % of the
     frames were missed, and half of the edits took longer than 1.2 s."""

@@ -26,8 +26,10 @@ class EngineConfig:
 
     rtt_s, flush_s, margin_s: round trip to the client, the service's flush interval, and a safety margin; their sum is
     the least lead of a replan. edit_target_s: per class, the promised seconds from an edit to its first frames;
-    open_target_s: the same from an open. clip_target_s: a clip's windows are due this long after its opening, and
-    precede windows of class BATCH that are due later; clips are made in order of arrival.
+    open_target_s: the same from an open. open_limit_s: a client that has no frames this long after its open counts as
+    one that ran out of them, so that nothing less urgent comes before its first window. clip_target_s: a clip's windows
+    are due this long after its opening, and precede windows of class BATCH that are due later; clips are made in order
+    of arrival.
 
     idle_timeout_s: a session is closed if no playhead is reported for this long, or none that moves while it plays;
     still_timeout_s: the same for none that moves while it is paused. rewind_s: how long frames behind a session's
@@ -70,6 +72,7 @@ class EngineConfig:
     margin_s: float = 0.1
     edit_target_s: tuple[float, float, float, float] = (0.05, 0.1, 0.25, 1.0)
     open_target_s: float = 0.5
+    open_limit_s: float = 1.0
     clip_target_s: float = 10.0
     idle_timeout_s: float = 300.0
     rewind_s: float = 0.0
@@ -114,6 +117,7 @@ class EngineConfig:
         for name in (
             "max_step_s",
             "open_target_s",
+            "open_limit_s",
             "clip_target_s",
             "idle_timeout_s",
             "initial_step_s",

@@ -36,8 +36,8 @@ from motiongen_server.engine.types import (
 from motiongen_server.engine.types.refusals import draining, session_limit
 
 # First windows that are not made yet count as if they had to be made within this time. Including them, the load may
-# exceed the limit by this factor, as they have no strict deadline and wait for windows that do. Not under a quota: once
-# that is used up, everything stands still.
+# exceed the limit by this factor, as they can wait for windows without which clients run out of frames. Not under a
+# quota: once that is used up, everything stands still.
 _BEGIN_S = 2.0
 _BEYOND_WITH_RUSH = 1.125
 

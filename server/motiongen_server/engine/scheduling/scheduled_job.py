@@ -38,5 +38,5 @@ class ScheduledJob:
 
     @property
     def is_played(self) -> bool:
-        """Whether it makes frames that a client would run out of."""
+        """Whether it makes frames that a client would run out of, or its first ones."""
         return self.job.runs_out_at < inf

@@ -1,11 +1,12 @@
 """Scheduler: chooses the jobs of the next denoising step. Pure: time is passed as an argument.
 
 Frames that a client would run out of precede anything that only changes frames: a window without which a client's
-frames end soon comes first, whatever its class and cause. Then classes go in order of priority, but each has a reserved
-share of all rows: while jobs of a class are left over, it gets a row at the latest when it is owed a whole one, so that
-no class starves. Within a class, windows that have begun go first, then the earliest deadline. Owners have shares of
-the same kind (`owner_shares`). Background jobs come after all classes, whatever class they have themselves, and have a
-share like a class: nobody waits for them, and none of them waits for ever.
+frames end soon comes first, whatever its class and cause, and so does a first window that has waited for long. Then
+classes go in order of priority, but each has a reserved share of all rows: while jobs of a class are left over, it gets
+a row at the latest when it is owed a whole one, so that no class starves. Within a class, windows that have begun go
+first, then the earliest deadline. Owners have shares of the same kind (`owner_shares`). Background jobs come after all
+classes, whatever class they have themselves, and have a share like a class: nobody waits for them, and none of them
+waits for ever.
 
 Preparing and decoding cost little more for several windows than for one. So new windows gather: if the running windows
 of their class, or these and those of more urgent classes, will soon be done, they wait for them and begin together.

@@ -191,9 +191,15 @@ def deadline(state: SessionState, now: float) -> float:
 
 
 def runs_out_at(state: SessionState, now: float) -> float:
-    """When the window's frames must be there for the client not to run out of frames, whatever the window is for."""
-    is_played = state.planned_to > 0 and not state.spec.is_clip and state.clock.running
-    return _planned_until(state, now) if is_played else math.inf
+    """When the window's frames must be there for the client not to run out of frames, whatever the window is for.
+
+    A client without any frames counts as one that runs out of them some time after its open.
+    """
+    if state.spec.is_clip:
+        return math.inf
+    if state.planned_to == 0:
+        return state.opened_at + state.config.open_limit_s
+    return _planned_until(state, now) if state.clock.running else math.inf
 
 
 def _planned_until(state: SessionState, now: float) -> float:

@@ -22,10 +22,10 @@ class WindowJob:
     history_tokens: (H / patch, token_width) float32, the tokens that stand for `history`, in the world's frame; None if
     whole tokens of earlier windows do not cover it exactly, and the runner then encodes `history` again. embedding: the
     prompt's, None for no prompt. constraints: absolute frames, only those that reach past first_frame and into the
-    window. deadline: when the frames are due; runs_out_at: when the client will have shown all its frames, infinity if
-    nobody plays. cause and priority are for the scheduler and the metrics. background: the window of a clip, which
-    nobody plays while it is made. keep_prompt: give the model the embedding even if the constraints contradict it.
-    owner: the session's owner.
+    window. deadline: when the frames are due; runs_out_at: when the client will have shown all its frames or, without
+    any, has waited for them for too long; infinity if nobody plays. cause and priority are for the scheduler and the
+    metrics. background: the window of a clip, which nobody plays while it is made. keep_prompt: give the model the
+    embedding even if the constraints contradict it. owner: the session's owner.
     """
 
     job_id: int

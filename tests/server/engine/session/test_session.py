@@ -24,6 +24,7 @@ def test_open_is_answered_with_the_session_and_then_its_first_plan() -> None:
     (job,) = stage.runner.prepared
     assert (job.seed, job.plan, job.num_steps, job.start_pose) == (77, 1, 4, StartPose())
     assert job.deadline == pytest.approx(100.0 + EngineConfig().open_target_s)
+    assert job.runs_out_at == pytest.approx(100.0 + EngineConfig().open_limit_s)
 
 
 def test_motion_continues_without_a_gap() -> None:

@@ -24,7 +24,8 @@ class Limits:
     events_per_second, stream_events_per_second: sustained rates of one session and one stream, with bursts of as many.
     max_clip_s: how long one clip call may take, whatever deadline it has.
     resume_grace_s: how long a session can be resumed after its connection is lost; 0: it is closed at once.
-    soft_backlog_bytes for backlog_s seconds, or hard_backlog_bytes at once, of unsent updates end a stream's sessions.
+    soft_backlog_bytes for backlog_s seconds, or hard_backlog_bytes at once, of unsent updates end a stream's sessions;
+    a look-ahead of frames of each session does not count.
     """
 
     max_sessions_per_stream: int = 512

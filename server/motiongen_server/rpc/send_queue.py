@@ -20,12 +20,12 @@ class Run:
 
     parts: their rows, (T, row_width) float32 each, in order. fixed: another output of the session was queued since, so
     later frames must not join. coding: how to encode them; None: plainly. num_bytes: the most that the run takes on the
-    wire; 0 when nothing is left of it.
+    wire; 0 when nothing is left of it. is_excess: its session had a look-ahead of frames waiting before it was full.
     """
 
     __slots__ = (
-        "applied_seq", "coding", "committed_to", "first_frame", "fixed", "handle", "num_bytes", "num_frames", "parts",
-        "plan",
+        "applied_seq", "coding", "committed_to", "first_frame", "fixed", "handle", "is_excess", "num_bytes",
+        "num_frames", "parts", "plan",
     )  # fmt: skip
 
     def __init__(self, chunk: Chunk, applied_seq: int, coding: object) -> None:
@@ -40,6 +40,7 @@ class Run:
         self.applied_seq = applied_seq
         self.coding = coding
         self.fixed = False
+        self.is_excess = False
 
     def joins(self, chunk: Chunk) -> bool:
         """Add a chunk if it continues the run; returns whether it does."""
@@ -74,32 +75,51 @@ Said: TypeAlias = tuple[Output, int]
 
 
 class SendQueue:
-    """Outputs that wait to be written. A plan notice removes the frames it replaces that have not been sent yet."""
+    """Outputs that wait to be written. A plan notice removes the frames it replaces that have not been sent yet.
 
-    __slots__ = ("_runs", "_waiting", "dropped_frames", "num_bytes")
+    num_bytes: of everything that waits; excess_bytes: the same without runs that lie within a look-ahead of their
+    session. A client is owed those: a short stop of one that carries many sessions, or the opening of many at once,
+    leaves as much unread as the server itself has chosen to send ahead.
+    """
+
+    __slots__ = ("_runs", "_waiting", "dropped_frames", "excess_bytes", "num_bytes")
 
     def __init__(self) -> None:
         self._waiting: deque[Run | Said] = deque()
         self._runs: dict[int, list[Run]] = {}  # those that wait, by handle, in order; few for each session
         self.num_bytes = 0
+        self.excess_bytes = 0
         self.dropped_frames = 0
 
     def __len__(self) -> int:
         return len(self._waiting)
 
-    def put_chunk(self, chunk: Chunk, applied_seq: int, coding: object = None) -> None:
-        """Add frames to the run that they continue, or at the end. applied_seq, coding: the session's at present."""
+    def put_chunk(self, chunk: Chunk, applied_seq: int, coding: object = None, lookahead: int = 0) -> None:
+        """Add frames to the run that they continue, or at the end.
+
+        applied_seq, coding: the session's at present. lookahead: how many of its frames may wait without being excess.
+        """
         runs = self._runs.get(chunk.session.handle)
         if runs is not None and runs[-1].joins(chunk):
-            self.num_bytes += chunk.rows.nbytes
-            return
-        run = Run(chunk, applied_seq, coding)
-        if runs is None:
-            self._runs[run.handle] = [run]
+            run = runs[-1]
+            self._count(run, chunk.rows.nbytes)
         else:
-            runs.append(run)
-        self._waiting.append(run)
-        self.num_bytes += run.num_bytes
+            run = Run(chunk, applied_seq, coding)
+            if runs is None:
+                self._runs[run.handle] = runs = [run]
+            else:
+                runs.append(run)
+            self._waiting.append(run)
+            self._count(run, run.num_bytes)
+        num_frames = run.num_frames if len(runs) == 1 else sum(each.num_frames for each in runs)
+        if num_frames > lookahead and not run.is_excess:
+            run.is_excess = True
+            self.excess_bytes += run.num_bytes
+
+    def _count(self, run: Run, num_bytes: int) -> None:
+        self.num_bytes += num_bytes
+        if run.is_excess:
+            self.excess_bytes += num_bytes
 
     def put(self, output: Output, applied_seq: int) -> None:
         """Add any other output at the end. applied_seq: the session's as of this output, to be sent with it."""
@@ -112,26 +132,28 @@ class SendQueue:
             elif isinstance(output, Closed):
                 del self._runs[handle]  # a plan of the handle's next session must not remove these frames
         self._waiting.append((output, applied_seq))
-        self.num_bytes += size_of(output)
+        size = size_of(output)
+        self.num_bytes += size
+        self.excess_bytes += size
 
     def _supersede(self, runs: list[Run], valid_from: int) -> None:
         for run in runs:
             before = run.num_bytes
             self.dropped_frames += run.cut(valid_from)
-            self.num_bytes += run.num_bytes - before
+            self._count(run, run.num_bytes - before)
 
     def drop_frames(self) -> None:
         """Remove all frames of open sessions, since the client does not read them."""
         for runs in self._runs.values():
             for run in runs:
-                self.num_bytes -= run.num_bytes
+                self._count(run, -run.num_bytes)
                 self.dropped_frames += run.cut(run.first_frame)
 
     def clear(self) -> None:
         """Remove everything: nothing will be sent."""
         self._waiting.clear()
         self._runs.clear()
-        self.num_bytes = 0
+        self.num_bytes = self.excess_bytes = 0
 
     def take(self, max_bytes: int) -> list[Run | Said]:
         """Remove and return the oldest updates that fit into max_bytes, at least one if there is any."""
@@ -145,6 +167,8 @@ class SendQueue:
                 break
             waiting.popleft()
             left -= size
+            if not isinstance(item, Run) or item.is_excess:
+                self.excess_bytes -= size
             if isinstance(item, Run):
                 self._forget(item)
                 if not item.parts:

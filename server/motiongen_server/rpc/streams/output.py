@@ -102,16 +102,18 @@ class StreamOutput(ABC):
 
     @property
     def _is_backlogged(self) -> bool:
-        full = self.send_queue.num_bytes > self._limits.hard_backlog_bytes
+        full = self.send_queue.excess_bytes > self._limits.hard_backlog_bytes
         return full or len(self.responses) > MAX_WAITING_REPLIES
 
     def _check_backlog(self) -> None:
-        """Close every session if the client reads too slowly: too much is unsent, or a lot for too long."""
-        waiting = self.send_queue.num_bytes
+        """Close every session if the client reads too slowly: too much is unsent, or a lot for too long.
+
+        A look-ahead of frames of each session does not count: that much is sent to clients that read at real time too.
+        """
         if self.send_queue.dropped_frames > self._dropped_told:
             self._stream_metrics.drop_frames(self.send_queue.dropped_frames - self._dropped_told)
             self._dropped_told = self.send_queue.dropped_frames
-        self._patience.check(waiting)
+        self._patience.check(self.send_queue.excess_bytes)
 
     def end(self) -> None:
         """Let the write loop write what is there, and stop."""

@@ -18,7 +18,7 @@ class ReaderPatience:
         self._timer: asyncio.TimerHandle | None = None  # runs while the soft limit is exceeded
 
     def check(self, waiting_bytes: int) -> None:
-        """Check how much waits now."""
+        """Check how much waits now, in bytes beyond what a client is owed."""
         limits = self._limits
         if waiting_bytes > limits.hard_backlog_bytes:
             self._lose()

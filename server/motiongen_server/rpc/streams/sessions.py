@@ -115,7 +115,8 @@ class StreamSessions(StreamOutput):
             said = replace(said, session=SessionKey(self.number, entry.handle))
         if isinstance(said, Chunk):
             entry.sent_to = max(entry.sent_to, said.first_frame + len(said.rows))
-            self.send_queue.put_chunk(said, entry.applied_seq, entry.coding)
+            lookahead = 0 if entry.opened is None else entry.opened.lookahead
+            self.send_queue.put_chunk(said, entry.applied_seq, entry.coding, lookahead)
         else:
             if self.tracing is not None and isinstance(said, PlanNotice):
                 self.tracing.announce(said, entry)

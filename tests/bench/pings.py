@@ -2,7 +2,8 @@
 
 The real gateway and engine with a model that computes nothing, and many streams of one character each, which play in
 real time and edit as the crowd does. Each stream pings every two seconds, and the time to the pong is measured; there
-is no model that takes CPU time. The load is motiongen-load, as `tests.cpp.building` builds it. Revisions alternate.
+is no model that takes CPU time. The load is motiongen-load, as `tests.cpp.building` builds it. Revisions alternate, and
+so do rates of playhead reports (--report-hz).
 """
 
 from __future__ import annotations
@@ -33,11 +34,11 @@ HEADER = (
 )
 
 
-def play(revision: Revision, options: argparse.Namespace) -> Result:
-    """One run with its own server."""
+def play(revision: Revision, report_hz: float, options: argparse.Namespace) -> Result:
+    """One run with its own server. report_hz: playhead reports of each stream."""
     arguments = over(SETTINGS, ("--flush-ms", str(FLUSH_MS), "--peer-streams", "4000", *options.server))
     with server_process(NULL_SERVER, *arguments, revision=revision) as server:
-        scenario = replace(load_scenario("crowd"), characters_per_stream=1)
+        scenario = replace(load_scenario("crowd"), characters_per_stream=1, report_hz=report_hz)
         load = Load(
             server.address, scenario, options.streams, options.seconds, options.seed, program=options.program.resolve()
         )
@@ -63,6 +64,7 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--streams", type=int, default=1000, help="with one character each (default: %(default)s)")
     parser.add_argument("--seconds", type=int, default=10, help="duration of each run (default: %(default)s)")
     parser.add_argument("--rounds", type=int, default=2, help="runs of each revision (default: %(default)s)")
+    parser.add_argument("--report-hz", type=float, nargs="+", default=[load_scenario("crowd").report_hz], metavar="HZ")
     parser.add_argument("--seed", type=int, default=1)
     return parser.parse_args()
 
@@ -75,7 +77,8 @@ def main() -> int:
         revisions = [stack.enter_context(commit_tree(commit)) for commit in options.before]
         for _ in range(options.rounds):
             for revision in (*revisions, TREE):
-                print(row(revision.name, play(revision, options)), flush=True)
+                for hz in options.report_hz:
+                    print(row(f"{revision.name}, {hz:g} Hz", play(revision, hz, options)), flush=True)
     facts = machine_facts() | {"others used": f"{share():.0%} of the machine", "command": " ".join(sys.argv[1:])}
     print("", *(f"- {name}: {value}" for name, value in facts.items()), sep="\n")
     return 0

@@ -112,7 +112,7 @@ class MotionClient:
             raise StreamLost("CANCELLED", "the client was never connected")
         return self._loop
 
-    def stream(self, *, report_hz: float = 4.0) -> Stream:
+    def stream(self, *, report_hz: float = 2.0) -> Stream:
         """A new stream; enter it with `with`."""
         loop = self._own_loop
         return Stream(loop, loop.call(lambda: self._inner.stream(report_hz=report_hz)))

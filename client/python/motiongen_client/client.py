@@ -122,11 +122,11 @@ class MotionClient:
     def _take_catalog(self, catalog: Catalog) -> None:
         self.catalog = catalog
 
-    def stream(self, *, report_hz: float = 4.0) -> Stream:
+    def stream(self, *, report_hz: float = 2.0) -> Stream:
         """A new stream; enter it with `async with`. It carries many sessions, so most applications need only one."""
         return self._stream("", "", report_hz, moves=False)
 
-    def _stream(self, address: str, routing_key: str, report_hz: float = 4.0, *, moves: bool = True) -> Stream:
+    def _stream(self, address: str, routing_key: str, report_hz: float = 2.0, *, moves: bool = True) -> Stream:
         """A stream, to another address or with another routing key if given. moves: its sessions may change streams."""
         self._check_connected()
         settings = replace(self._settings, address=address or self.address)

@@ -37,7 +37,7 @@ class Stream:
         catalog: Catalog,
         agent: str,
         *,
-        report_hz: float = 4.0,
+        report_hz: float = 2.0,
         policy: LinePolicy | None = None,
         move: Callable[[Stream, Session, EventRefused], bool] | None = None,
         route: Route | None = None,

@@ -141,7 +141,7 @@ def read_scenario(content: bytes, where: str) -> Scenario:
         ramp_s=top.take("ramp_s", _number(0, 3600)),
         settle_s=top.take("settle_s", _number(0, 3600)),
         tail_s=top.take("tail_s", _number(0, 60), 3.0),
-        report_hz=top.take("report_hz", _number(1, 5), 4.0),
+        report_hz=top.take("report_hz", _number(1, 5), 2.0),
         groups=tuple(_group(fields) for fields in top.take_list("groups")),
         sha256=hashlib.sha256(content).hexdigest(),
     )

@@ -23,7 +23,7 @@ def sends_of(stage: Stage, seconds: float) -> tuple[int, int]:
     return sum(frames > 0 for frames in delivered), sum(delivered)
 
 
-@pytest.mark.parametrize("report_every_s", [0.05, 0.1, 0.2, 0.25])
+@pytest.mark.parametrize("report_every_s", [0.05, 0.1, 0.2, 0.25, 0.5])
 def test_frames_are_sent_in_large_parts_however_often_a_playhead_is_reported(report_every_s: float) -> None:
     stage = Stage(report_every_s=report_every_s)
     viewer = stage.open()
@@ -35,7 +35,7 @@ def test_frames_are_sent_in_large_parts_however_often_a_playhead_is_reported(rep
     stage.check_finished()
 
 
-@pytest.mark.parametrize("report_every_s", [0.1, 0.25, 0.4, 1.0])
+@pytest.mark.parametrize("report_every_s", [0.1, 0.25, 0.4, 0.5, 1.0])
 def test_client_has_enough_to_play_while_frames_wait(report_every_s: float) -> None:
     stage = Stage(report_every_s=report_every_s)
     viewer = stage.open()

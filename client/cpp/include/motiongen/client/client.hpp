@@ -42,7 +42,7 @@ struct ClientOptions {
   // gRPC's channel arguments by name (grpc/impl/codegen/grpc_types.h); they override those that the library sets.
   std::map<std::string, std::variant<int, std::string>> channel_options;
   double connect_timeout_s = 10;   // how long `connect` waits for a server to be ready
-  double report_hz = 4;            // how often each playhead is reported to the server, 1 to 5
+  double report_hz = 2;            // how often each playhead is reported to the server, 1 to 5
   double flush_interval_s = 0.02;  // how long the server may collect frames for one message, 0.005 to 0.1
   double ping_period_s = 5;        // a server that sends nothing, or answers no ping, for 2.5 periods counts as lost
   bool reconnect = true;           // after a loss of the stream; false: sessions end with it

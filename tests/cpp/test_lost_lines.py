@@ -54,8 +54,8 @@ def read(told: str) -> list[Played]:
     return list(played.values())
 
 
-def check(played: Played) -> None:
-    """Check that every frame has its own number, and the prompt that was answered last for it.
+def check(played: Played) -> int:
+    """Check that each frame has its own number, and the prompt answered last for it. Returns for how many that was seen.
 
     Frames shown before the answer came are not checked. A frame that no span covers is generated without text: between
     two edits of one prompt, if the first waited and the lead has become shorter since.
@@ -71,8 +71,9 @@ def check(played: Played) -> None:
             continue
         assert letters == (in_force[-1][0] if in_force else len("first")), f"frame {frame}"
         num_checked += 1
-    assert num_checked > len(played.shown) // 3  # delays grow if connections are cut again soon
+    assert num_checked > len(played.shown) // 10  # delays grow if connections are cut again soon
     assert num_bare < len(played.shown) // 20
+    return num_checked
 
 
 async def test_two_hundred_lost_connections_lose_no_frame_or_event(
@@ -110,8 +111,9 @@ async def test_two_hundred_lost_connections_lose_no_frame_or_event(
         assert len(taken.numbers) == NUM_CLIENTS * CHARACTERS_EACH, "no session was reopened"
         for numbers in taken.numbers.values():
             assert numbers == list(range(1, len(numbers) + 1)), "every event is accepted once, in order"
-    for played in (each for client in clients for each in client):
-        assert len(played.edits) > 3
-        check(played)
-    recoveries = sum(played.recoveries for client in clients for played in client)
+    sessions = [session for client in clients for session in client]
+    assert min(len(session.edits) for session in sessions) > 3
+    num_checked = sum(check(session) for session in sessions)
+    assert num_checked > sum(len(session.shown) for session in sessions) // 3
+    recoveries = sum(session.recoveries for session in sessions)
     assert recoveries > NUM_CLIENTS * CUTS_EACH // 2

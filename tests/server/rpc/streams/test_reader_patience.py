@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 
+from motiongen.v1 import session_pb2
+from motiongen_server.engine.types import Chunk, Close, CloseReason, Open, Opened
 from motiongen_server.rpc.limits import Limits
 from motiongen_server.rpc.streams.reader_patience import ReaderPatience
+from tests.server.rpc.streams.test_event_order import Line, make_catalog
 
 SOFT, HARD = 1000, 4000
 LIMITS = Limits(soft_backlog_bytes=SOFT, hard_backlog_bytes=HARD, backlog_s=5.0)
@@ -92,3 +97,21 @@ async def test_end_cancels_the_timer(patience: Patience) -> None:
     patience.of_reader.end()
     patience.of_reader.end()
     assert patience.running == []
+
+
+async def test_client_of_many_sessions_may_have_a_look_ahead_of_each_to_read() -> None:
+    line = Line(make_catalog(soft_backlog_bytes=2_000, hard_backlog_bytes=2_000))
+    num_sessions, lookahead = 8, 40
+    for handle in range(1, 1 + num_sessions):
+        event = session_pb2.SessionEvent(session=handle, event_seq=1, open=session_pb2.OpenSession())
+        line.stream.receive(event, time.monotonic())
+    keys = [event.session for event in line.engine.events]
+    for key in keys:
+        line.stream.take(Opened(key, 1, 0, lookahead, 4, 4, "tiny", "stick", 20))
+    line.updates()
+    for key in keys:
+        line.stream.take(Chunk(key, 1, 0, np.zeros((lookahead, 3), np.float32), 0))
+    assert line.stream.num_waiting_bytes > 2 * 2_000
+    assert line.engine.kinds() == [Open] * num_sessions, "none is closed"
+    line.stream.take(Chunk(keys[0], 1, lookahead, np.zeros((200, 3), np.float32), 0))
+    assert {event.reason for event in line.engine.events if isinstance(event, Close)} == {CloseReason.SLOW_READER}

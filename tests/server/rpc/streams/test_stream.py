@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from motiongen.v1 import motion_pb2, session_pb2
-from motiongen_server.engine.types import Chunk, Close, Closed, CloseReason, Code, Open, Opened, Outcome
+from motiongen_server.engine.types import Chunk, Close, Closed, CloseReason, Code, Open, Outcome
 from motiongen_server.engine.types.refusals import session_closed
 from motiongen_server.replicas.hint import OtherServer
 from motiongen_server.rpc.budgets.peer import Peer
@@ -217,24 +217,6 @@ async def test_session_of_a_client_that_does_not_read_is_closed_once() -> None:
     assert close.reason is CloseReason.SLOW_READER
     line.stream.take(Chunk(key, 1, 1000, np.zeros((1000, 3), np.float32), 0))
     assert line.engine.kinds() == [Open, Close], "the session is closed once"
-
-
-async def test_client_of_many_sessions_may_have_a_look_ahead_of_each_to_read() -> None:
-    line = Line(make_catalog(soft_backlog_bytes=2_000, hard_backlog_bytes=2_000))
-    num_sessions, lookahead = 8, 40
-    for handle in range(1, 1 + num_sessions):
-        event = session_pb2.SessionEvent(session=handle, event_seq=1, open=session_pb2.OpenSession())
-        line.stream.receive(event, time.monotonic())
-    keys = [event.session for event in line.engine.events]
-    for key in keys:
-        line.stream.take(Opened(key, 1, 0, lookahead, 4, 4, "tiny", "stick", 20))
-    line.updates()
-    for key in keys:
-        line.stream.take(Chunk(key, 1, 0, np.zeros((lookahead, 3), np.float32), 0))
-    assert line.stream.num_waiting_bytes > 2 * 2_000
-    assert line.engine.kinds() == [Open] * num_sessions, "none is closed"
-    line.stream.take(Chunk(keys[0], 1, lookahead, np.zeros((200, 3), np.float32), 0))
-    assert {event.reason for event in line.engine.events if isinstance(event, Close)} == {CloseReason.SLOW_READER}
 
 
 async def test_refusal_by_a_full_mailbox_is_passed_on(line: Line) -> None:

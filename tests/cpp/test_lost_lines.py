@@ -55,7 +55,7 @@ def read(told: str) -> list[Played]:
 
 
 def check(played: Played) -> int:
-    """Check that each frame has its own number, and the prompt answered last for it. Returns for how many that was seen.
+    """Check that each frame has its own number, and the prompt answered last for it. Returns how many had a prompt.
 
     Frames shown before the answer came are not checked. A frame that no span covers is generated without text: between
     two edits of one prompt, if the first waited and the lead has become shorter since.

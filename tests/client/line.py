@@ -21,6 +21,7 @@ class Line:
     """Takes the place of a stream: records the events that a session sends."""
 
     call_number = 1
+    is_connected = True
     draining = False
     recovers = True
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+
 import grpc
 import pytest
 
@@ -9,6 +11,7 @@ from motiongen.v1 import session_pb2
 from motiongen_client import convert
 from motiongen_client.errors import InvalidInput
 from motiongen_client.session import Session
+from tests.client.conftest import ManualClock
 from tests.client.line import TOKEN, Line, open_session, opened, said_since_opened
 from tests.client.synthetic import catalog
 from tests.client.waiting import until
@@ -97,3 +100,25 @@ async def test_cut_made_while_disconnected_is_known_from_its_outcome(session: Se
         session.hear(session_pb2.SessionUpdate(session=1, outcome=outcome))
     assert [frame for frame in range(40) if session.playback.is_cut(frame)] == [20]
     assert session.playback.cut_before(30) == 20
+
+
+@pytest.mark.parametrize("token", [TOKEN, ""])
+async def test_session_given_up_is_closed_at_once_if_the_connection_is_lost_before_it_is_resumed(
+    clock: ManualClock, line: Line, token: str
+) -> None:
+    session = await open_session(line, token)
+    lost = session_pb2.SessionClosed(
+        reason=session_pb2.CLOSE_REASON_ENGINE_FAULT, code=grpc.StatusCode.UNAVAILABLE.value[0]
+    )
+    session.hear(session_pb2.SessionUpdate(session=1, closed=lost))
+    said = len(line.said)
+    line.is_connected = False
+    session.interrupt()
+    clock.advance(60)  # long after the session would have been resumed
+    for _ in range(10):
+        await asyncio.sleep(0)
+    closing = asyncio.create_task(session.close())
+    await asyncio.sleep(0)
+    assert closing.done(), "no server can answer, so none is awaited"
+    assert "while the connection was lost" in closing.result().message
+    assert len(line.said) == said

@@ -134,11 +134,15 @@ class Recovery(Reopening):
         self._reopen(self._reason)
 
     def _later(self, act: Callable[[], None], at_least_s: float) -> None:
-        """Make another attempt after a delay, unless the call or the session's state has changed by then."""
+        """Make another attempt after a delay, unless the call or the session's state has changed by then.
+
+        Without a call there is nobody to ask; `reattach` makes the attempt once there is one.
+        """
         call = self._carrier.call_number
 
         def due() -> None:
-            if self._line is Line.LOST and self._failure is None and self._carrier.call_number == call:
+            is_same_call = self._carrier.is_connected and self._carrier.call_number == call
+            if self._line is Line.LOST and self._failure is None and is_same_call:
                 act()
 
         asyncio.get_running_loop().call_later(self._patience.next_s(at_least_s), due)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import subprocess
+import sys
 import threading
 from collections.abc import AsyncGenerator, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -97,3 +99,39 @@ def test_blocking_calls_on_the_thread_of_the_loop_are_refused(loop: BackgroundLo
 
     assert all("own thread" in each for each in loop.run(wait_inside()))
     assert loop.call(lambda: 1) == 1
+
+
+IN_A_FORK = """
+import asyncio, os
+from motiongen_client import MotiongenError
+from motiongen_client.background_loop import BackgroundLoop
+
+async def numbers():
+    yield 1
+
+async def work():
+    return 2
+
+loop = BackgroundLoop()
+generator = numbers()
+assert loop.run(anext(generator)) == 1
+if not (child := os.fork()):
+    try:
+        loop.run(work())
+    except MotiongenError as refusal:
+        print(refusal, flush=True)
+    loop.finish(work())
+    loop.leave(generator)
+    loop.stop()
+    os._exit(3)
+assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 3
+assert loop.run(work()) == 2
+loop.stop()
+"""
+
+
+def test_calls_in_a_forked_process_are_refused_and_it_has_nothing_to_close() -> None:
+    command = [sys.executable, "-W", "error", "-W", "ignore:This process:DeprecationWarning", "-c", IN_A_FORK]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert "this process was forked" in ended.stdout
+    assert (ended.returncode, ended.stderr) == (0, "")

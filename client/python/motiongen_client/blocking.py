@@ -5,7 +5,8 @@
         for frame in walker.frames(seconds=4):
             print(frame.time_s, frame.joint_positions_m()[0])
 
-Each client has a background thread that runs its event loop; everything here hands work to that thread and waits.
+Each client has a background thread that runs its event loop; everything here hands work to that thread and waits. It
+may be used from any thread, but not in a process that is forked afterwards.
 """
 
 from __future__ import annotations

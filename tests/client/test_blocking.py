@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import threading
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -54,6 +55,21 @@ def test_connected_client_has_one_thread_and_can_connect_again_after_closing(ser
         with client.connect():
             assert threads() == before + 1
         assert threads() == before
+
+
+def test_threads_that_connect_one_client_at_once_share_its_connection(server: FakeServer) -> None:
+    client, ready = MotionClient(server.address), threading.Barrier(8)
+
+    def open_one() -> str:
+        ready.wait()
+        return client.connect().open("a person walks").opened.session_id
+
+    with ThreadPoolExecutor(8) as threads:
+        opened = [threads.submit(open_one) for _ in range(8)]
+        assert len({each.result() for each in opened}) == 8
+    assert sum(thread.name == "motiongen-client" for thread in threading.enumerate()) == 1
+    client.close()
+    assert len(server.streams) == 1
 
 
 def test_blocking_session_has_all_methods_that_applications_use() -> None:

@@ -152,6 +152,16 @@ async def test_second_connect_keeps_the_first_channel(server: FakeServer) -> Non
     assert len(server.metadata) == 1
 
 
+async def test_connect_waits_for_one_that_is_under_way(server: FakeServer) -> None:
+    client = MotionClient(server.address)
+    first, second = (asyncio.create_task(client.connect()) for _ in range(2))
+    await second
+    assert client.catalog.models
+    await first
+    await client.close()
+    assert len(server.metadata) == 1
+
+
 @pytest.fixture
 def busy() -> Iterator[FakeServer]:
     """A server whose clips never end."""

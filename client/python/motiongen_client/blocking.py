@@ -11,6 +11,7 @@ may be used from any thread, but not in a process that is forked afterwards.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Collection, Mapping, Sequence
 
 import grpc
@@ -87,6 +88,7 @@ class MotionClient:
             policy=policy,
             other_addresses=other_addresses,
         )
+        self._connecting = threading.Lock()
         self._loop: BackgroundLoop | None = None
 
     @property
@@ -96,14 +98,15 @@ class MotionClient:
 
     def connect(self) -> MotionClient:
         """Connect and fetch the catalogue, unless that has been done. `with` calls it. Raises ServerUnavailable."""
-        if self._loop is not None and not self._loop.is_ending:
-            return self
-        loop = self._loop = BackgroundLoop()
-        try:
-            loop.run(self._inner.connect())
-        except BaseException:
-            loop.stop()
-            raise
+        with self._connecting:  # by one thread; the others wait for it
+            if self._loop is not None and not self._loop.is_ending:
+                return self
+            loop = self._loop = BackgroundLoop()
+            try:
+                loop.run(self._inner.connect())
+            except BaseException:
+                loop.stop()
+                raise
         return self
 
     @property

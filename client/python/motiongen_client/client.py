@@ -61,6 +61,7 @@ class MotionClient:
         self.catalog: Catalog
         self._connect_timeout_s = connect_timeout_s
         self._policy = policy or LinePolicy()
+        self._connecting = asyncio.Lock()
         self._channel: grpc.aio.Channel | None = None
         self._stub: MotionServiceStub
         self._streams: list[Stream] = []
@@ -72,17 +73,18 @@ class MotionClient:
     async def connect(self) -> MotionClient:
         """Wait for the server and fetch its catalogue. Raises ServerUnavailable or NotAllowed.
 
-        `async with` calls it. Does nothing if the client is connected.
+        `async with` calls it. Does nothing if the client is connected; if it is being connected, waits for that.
         """
-        if self._channel is not None:
-            return self
-        self._channel = self._settings.open()
-        self._stub = MotionServiceStub(self._channel)
-        try:
-            self.catalog = convert.catalog(await self._await_catalog())
-        except BaseException:
-            await self.close()
-            raise
+        async with self._connecting:
+            if self._channel is not None:
+                return self
+            self._channel = self._settings.open()
+            self._stub = MotionServiceStub(self._channel)
+            try:
+                self.catalog = convert.catalog(await self._await_catalog())
+            except BaseException:
+                await self.close()
+                raise
         return self
 
     async def _await_catalog(self) -> service_pb2.GetCatalogResponse:

@@ -62,6 +62,19 @@ async def test_outcome_at_a_frame_not_of_the_replacement_is_of_the_replaced_one(
     assert called == [FORMER_AT, reported_at]
 
 
+async def test_outcome_is_of_the_replaced_one_if_the_connection_was_lost_again_before_it_came(session: Session) -> None:
+    """The answer came on the call before, so this server tells of the constraint alone."""
+    session.replace_constraint(1, RANGE)
+    resume(session)
+    session.hear(answer(3, effective_frame=TAKES_EFFECT_AT))
+    resume(session)
+    session.hear(told(1, FORMER_AT))
+    waiting = await outcome_so_far(session)
+    assert not waiting.done()
+    session.hear(told(1, TAKES_EFFECT_AT + 1))
+    assert (await waiting).frame == TAKES_EFFECT_AT + 1
+
+
 async def test_outcome_after_new_frames_is_of_the_replacement(session: Session) -> None:
     """The nearest frame may be before the replacement takes effect; no outcome of the replaced one can still come."""
     session.replace_constraint(1, RANGE)

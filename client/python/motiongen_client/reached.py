@@ -52,7 +52,6 @@ class ReachedBook:
     def begin_replay(self) -> None:
         """The session was resumed. Until frames come, reports follow answers that may have been sent after them."""
         self._is_replay = True
-        self._replaced_from.clear()
 
     def end_replay(self) -> None:
         """From now on, answers and reports come in the order in which the server makes them."""

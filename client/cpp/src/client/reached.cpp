@@ -69,10 +69,7 @@ void ReachedBook::forget(std::uint32_t target) {
   erase(refused_, target);
 }
 
-void ReachedBook::begin_replay() {
-  is_replay_ = true;
-  took_over_.clear();
-}
+void ReachedBook::begin_replay() { is_replay_ = true; }
 
 void ReachedBook::end_replay() {
   is_replay_ = false;

@@ -161,6 +161,19 @@ TEST(ReachedInReplay, ResultAtAFrameNotOfTheReplacementIsOfTheReplacedTarget) {
   }
 }
 
+TEST(ReachedInReplay, ResultIsOfTheReplacedTargetIfTheConnectionWasLostAgainBeforeItCame) {
+  Replacing stage;
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  stage.set(range());
+  stage.resume();
+  stage.hear_answer(kSeqOfEdit + 1);
+  stage.resume();  // this time the answer is known, so the server tells of the target alone
+  stage.hear_reached(Replacing::kFormerAt);
+  EXPECT_FALSE(stage.state.reached_book.find(Replacing::kTarget));
+  stage.hear_reached(Replacing::kTakesEffectAt + 1);
+  EXPECT_TRUE(stage.state.reached_book.find(Replacing::kTarget));
+}
+
 TEST(ReachedInReplay, ResultAfterNewFramesIsOfTheReplacement) {
   Replacing stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);

@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from motiongen_client import EventRefused, ServerUnavailable, SessionEnded, StreamLost, Waypoint
+from motiongen_client import EventRefused, InvalidInput, ServerUnavailable, SessionEnded, StreamLost, Waypoint
 from motiongen_client import Session as Asynchronous
 from motiongen_client.blocking import MotionClient
 from motiongen_client.blocking_session import Session as Blocking
@@ -184,6 +184,25 @@ def test_closing_the_client_closes_its_streams_and_sessions(server: FakeServer) 
         assert one.end is not None
         with pytest.raises(SessionEnded, match="client was closed"):
             one.poll()
+
+
+def test_motion_and_answers_stay_readable_after_the_client_was_closed(server: FakeServer) -> None:
+    with MotionClient(server.address) as client:
+        session = client.open("a person walks", keep_s=None)
+        for _ in session.frames(seconds=0.2):
+            pass
+        edit = session.set_prompt("a person runs")
+        outcome = edit.wait()
+        end = session.close()
+    shown_to = session.motion().first_frame + len(session.motion())
+    assert session.frame_in(0) == shown_to - 1 >= 19
+    assert session.stats.plans >= 2
+    assert session.close() == end
+    assert edit.wait() == outcome
+    with pytest.raises(SessionEnded, match="client was closed"):
+        session.set_prompt("a person sits")
+    with pytest.raises(InvalidInput, match="frames"):
+        session.motion(0, 10**6)
 
 
 def test_refused_edit_raises_event_refused(client: MotionClient, server: FakeServer) -> None:

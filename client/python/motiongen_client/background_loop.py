@@ -71,6 +71,13 @@ class BackgroundLoop:
 
         return self.run(work())
 
+    def look(self, function: Callable[[], T]) -> T:
+        """As `call`, for a function that only reads: it can be called after `stop` too, since nothing changes then."""
+        try:
+            return self.call(function)
+        except SessionEnded:
+            return function()
+
     def finish(self, work: Coroutine[Any, Any, object]) -> None:
         """Run a coroutine that closes something. If the client is closed, there is nothing left to close."""
         if self._is_forked:

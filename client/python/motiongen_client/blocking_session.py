@@ -43,7 +43,7 @@ class Edit:
         async def work() -> Outcome:
             return await self._inner
 
-        return self._loop.run(work())
+        return self._inner.outcome or self._loop.run(work())
 
     @property
     def outcome(self) -> Outcome | None:
@@ -57,7 +57,10 @@ class Edit:
 
 
 class Session:
-    """One character. `motiongen_client.Session` has the same methods and describes them in full."""
+    """One character. `motiongen_client.Session` has the same methods and describes them in full.
+
+    Once the client is closed, `motion` and `stats` still say what there was; other calls raise SessionEnded.
+    """
 
     def __init__(self, loop: BackgroundLoop, inner: session.Session) -> None:
         self._loop = loop
@@ -116,7 +119,7 @@ class Session:
     @property
     def stats(self) -> SessionStats:
         """Counts and times so far."""
-        return self._loop.call(lambda: self._inner.stats)
+        return self._loop.look(lambda: self._inner.stats)
 
     def set_prompt(
         self, prompt: Prompt, *, frame: int | None = None, end_frame: int | None = None, prompt_id: int | None = None
@@ -240,7 +243,7 @@ class Session:
 
     def frame_in(self, seconds: float) -> int:
         """The frame that will be shown `seconds` from now."""
-        return self._loop.call(lambda: self._inner.frame_in(seconds))
+        return self._loop.look(lambda: self._inner.frame_in(seconds))
 
     def frames(self, seconds: float | None = None, *, realtime: bool = True) -> Iterator[Frame]:
         """Each frame once, in order, in real time or as fast as they are generated."""
@@ -275,11 +278,11 @@ class Session:
 
     def motion(self, first_frame: int | None = None, end_frame: int | None = None) -> Motion:
         """The frames shown so far that are still kept, or those from first_frame up to end_frame - 1."""
-        return self._loop.call(lambda: self._inner.motion(first_frame, end_frame))
+        return self._loop.look(lambda: self._inner.motion(first_frame, end_frame))
 
     def close(self) -> SessionEnd:
         """End the session. Returns how it ended; calling it again returns the same."""
-        return self._loop.run(self._inner.close())
+        return self._inner.end or self._loop.run(self._inner.close())
 
     def __enter__(self) -> Session:
         return self

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from typing import TypeAlias
 
-from motiongen_server.engine.types import Chunk, Closed, Float32Array, Opened, Outcome, Output, PlanNotice
+from motiongen_server.engine.types import Chunk, Closed, CloseReason, Float32Array, Opened, Outcome, Output, PlanNotice
 
 UPDATE_OVERHEAD_BYTES = 64
 PLACEMENT_BYTES = 64
@@ -20,12 +20,12 @@ class Run:
 
     parts: their rows, (T, row_width) float32 each, in order. fixed: another output of the session was queued since, so
     later frames must not join. coding: how to encode them; None: plainly. num_bytes: the most that the run takes on the
-    wire; 0 when nothing is left of it. is_excess: its session had a look-ahead of frames waiting before it was full.
+    wire; 0 when nothing is left of it. num_excess: how many of its frames, the last ones, are beyond a look-ahead.
     """
 
     __slots__ = (
-        "applied_seq", "coding", "committed_to", "first_frame", "fixed", "handle", "is_excess", "num_bytes",
-        "num_frames", "parts", "plan",
+        "applied_seq", "coding", "committed_to", "first_frame", "fixed", "handle", "num_bytes", "num_excess",
+        "num_frames", "parts", "plan", "row_bytes",
     )  # fmt: skip
 
     def __init__(self, chunk: Chunk, applied_seq: int, coding: object) -> None:
@@ -36,11 +36,17 @@ class Run:
         self.num_frames = len(rows)
         self.committed_to = chunk.committed_to
         self.parts: list[Float32Array] = [rows]
+        self.row_bytes = rows[:1].nbytes
         self.num_bytes = UPDATE_OVERHEAD_BYTES + rows.nbytes
         self.applied_seq = applied_seq
         self.coding = coding
         self.fixed = False
-        self.is_excess = False
+        self.num_excess = 0
+
+    @property
+    def excess_bytes(self) -> int:
+        """Of num_bytes, those of the frames beyond a look-ahead."""
+        return self.num_bytes if self.num_excess == self.num_frames else self.num_excess * self.row_bytes
 
     def joins(self, chunk: Chunk) -> bool:
         """Add a chunk if it continues the run; returns whether it does."""
@@ -61,6 +67,7 @@ class Run:
         if dropped:
             self.fixed = True
             self.num_frames = left
+            self.num_excess = max(0, self.num_excess - dropped)
             kept = []
             for part in self.parts:
                 kept.append(part[:left])
@@ -77,9 +84,10 @@ Said: TypeAlias = tuple[Output, int]
 class SendQueue:
     """Outputs that wait to be written. A plan notice removes the frames it replaces that have not been sent yet.
 
-    num_bytes: of everything that waits; excess_bytes: the same without runs that lie within a look-ahead of their
-    session. A client is owed those: a short stop of one that carries many sessions, or the opening of many at once,
-    leaves as much unread as the server itself has chosen to send ahead.
+    num_bytes: of everything that waits; excess_bytes: the same without a look-ahead of frames of each open session. A
+    client is owed those: a short stop of one that carries many sessions, or the opening of many at once, leaves as much
+    unread as the server itself has chosen to send ahead. Frames of a session that is over count in full, otherwise a
+    client could have a look-ahead kept for each of any number of sessions.
     """
 
     __slots__ = ("_runs", "_waiting", "dropped_frames", "excess_bytes", "num_bytes")
@@ -100,26 +108,25 @@ class SendQueue:
         applied_seq, coding: the session's at present. lookahead: how many of its frames may wait without being excess.
         """
         runs = self._runs.get(chunk.session.handle)
+        before = (0, 0) if runs is None else (runs[-1].num_bytes, runs[-1].excess_bytes)
         if runs is not None and runs[-1].joins(chunk):
             run = runs[-1]
-            self._count(run, chunk.rows.nbytes)
         else:
-            run = Run(chunk, applied_seq, coding)
+            run, before = Run(chunk, applied_seq, coding), (0, 0)
             if runs is None:
                 self._runs[run.handle] = runs = [run]
             else:
                 runs.append(run)
             self._waiting.append(run)
-            self._count(run, run.num_bytes)
         num_frames = run.num_frames if len(runs) == 1 else sum(each.num_frames for each in runs)
-        if num_frames > lookahead and not run.is_excess:
-            run.is_excess = True
-            self.excess_bytes += run.num_bytes
+        if num_frames > lookahead:
+            run.num_excess += min(len(chunk.rows), num_frames - lookahead)
+        self._count(run, *before)
 
-    def _count(self, run: Run, num_bytes: int) -> None:
-        self.num_bytes += num_bytes
-        if run.is_excess:
-            self.excess_bytes += num_bytes
+    def _count(self, run: Run, num_bytes: int, excess_bytes: int) -> None:
+        """Count how a run has changed. num_bytes, excess_bytes: its own, until then."""
+        self.num_bytes += run.num_bytes - num_bytes
+        self.excess_bytes += run.excess_bytes - excess_bytes
 
     def put(self, output: Output, applied_seq: int) -> None:
         """Add any other output at the end. applied_seq: the session's as of this output, to be sent with it."""
@@ -130,6 +137,9 @@ class SendQueue:
             if isinstance(output, PlanNotice):
                 self._supersede(runs, output.valid_from)
             elif isinstance(output, Closed):
+                if output.reason is CloseReason.TAKEN_OVER:  # what its client lacks is sent where it goes on
+                    self._supersede(runs, 0)
+                self._leave(runs)
                 del self._runs[handle]  # a plan of the handle's next session must not remove these frames
         self._waiting.append((output, applied_seq))
         size = size_of(output)
@@ -138,16 +148,20 @@ class SendQueue:
 
     def _supersede(self, runs: list[Run], valid_from: int) -> None:
         for run in runs:
-            before = run.num_bytes
+            before = run.num_bytes, run.excess_bytes
             self.dropped_frames += run.cut(valid_from)
-            self._count(run, run.num_bytes - before)
+            self._count(run, *before)
+
+    def _leave(self, runs: list[Run]) -> None:
+        """The session of these runs is over: nothing of them is a look-ahead any more."""
+        for run in runs:
+            self.excess_bytes += run.num_bytes - run.excess_bytes
+            run.num_excess = run.num_frames
 
     def drop_frames(self) -> None:
         """Remove all frames of open sessions, since the client does not read them."""
         for runs in self._runs.values():
-            for run in runs:
-                self._count(run, -run.num_bytes)
-                self.dropped_frames += run.cut(run.first_frame)
+            self._supersede(runs, 0)
 
     def clear(self) -> None:
         """Remove everything: nothing will be sent."""
@@ -167,8 +181,7 @@ class SendQueue:
                 break
             waiting.popleft()
             left -= size
-            if not isinstance(item, Run) or item.is_excess:
-                self.excess_bytes -= size
+            self.excess_bytes -= item.excess_bytes if isinstance(item, Run) else size
             if isinstance(item, Run):
                 self._forget(item)
                 if not item.parts:

@@ -177,28 +177,6 @@ def test_drop_frames_keeps_all_other_outputs() -> None:
     assert send_queue.take(1 << 30) == [(Outcome(KEY, 2, Code.OK), 1)]
 
 
-def test_a_look_ahead_of_each_session_waits_without_being_excess() -> None:
-    send_queue = SendQueue()
-    send_queue.put_chunk(chunk(0, 4), 1, lookahead=12)
-    send_queue.put_chunk(chunk(0, 10, key=OTHER), 1, lookahead=12)
-    send_queue.put_chunk(chunk(8, 8), 1, lookahead=12)
-    assert send_queue.excess_bytes == 0
-    told = Outcome(KEY, 2, Code.OK)
-    send_queue.put(told, 2)
-    assert send_queue.excess_bytes == size_of(told)
-    send_queue.put_chunk(chunk(16, 1), 1, lookahead=12)
-    beyond = UPDATE_OVERHEAD_BYTES + WIDTH * 4
-    assert send_queue.excess_bytes == size_of(told) + beyond, "the run that makes it more than a look-ahead"
-    send_queue.put_chunk(chunk(17, 2), 1, lookahead=12)
-    assert send_queue.excess_bytes == size_of(told) + beyond + 2 * WIDTH * 4
-    send_queue.put(notice(2, 18), 3)
-    assert send_queue.excess_bytes == size_of(told) + beyond + WIDTH * 4 + size_of(notice(2, 18))
-    send_queue.drop_frames()
-    assert send_queue.excess_bytes == send_queue.num_bytes == size_of(told) + size_of(notice(2, 18))
-    send_queue.clear()
-    assert send_queue.excess_bytes == 0
-
-
 def test_take_fills_a_message_to_its_limit_but_takes_at_least_one_run() -> None:
     send_queue = put_all(chunk(0, 4), chunk(8, 4), chunk(16, 4))
     one = send_queue.num_bytes // 3
@@ -228,7 +206,7 @@ def test_num_bytes_counts_what_waits_and_frames_before_a_plan_survive(
     while batch := send_queue.take(max_bytes):
         waiting -= sum(map(num_bytes, batch))
         assert send_queue.num_bytes == waiting
-        excess -= sum(num_bytes(item) for item in batch if not isinstance(item, Run) or item.is_excess)
+        excess -= sum(item.excess_bytes if isinstance(item, Run) else num_bytes(item) for item in batch)
         assert send_queue.excess_bytes == excess
         for item in batch:
             if isinstance(item, Run):

@@ -25,7 +25,7 @@ class Limits:
     max_clip_s: how long one clip call may take, whatever deadline it has.
     resume_grace_s: how long a session can be resumed after its connection is lost; 0: it is closed at once.
     soft_backlog_bytes for backlog_s seconds, or hard_backlog_bytes at once, of unsent updates end a stream's sessions;
-    a look-ahead of frames of each session does not count.
+    a look-ahead of frames of each open session does not count.
     """
 
     max_sessions_per_stream: int = 512

@@ -13,6 +13,11 @@ LEAST_ROOM = 64
 """1/64 of the budget may always come before the next look, however little is left: a look visits all holders."""
 
 
+PARKED_PART = 4
+"""Parked sessions together may keep 1/4 of the budget, whatever others hold. Most of them belong to clients that have
+lost their connection, hold little, and are not to lose their sessions because others do not read or pay."""
+
+
 class Debtor(Protocol):
     """A stream, a clip call, or a request whose client has not closed its side. num_waiting_bytes: roughly what is held
     for its client."""
@@ -38,14 +43,16 @@ class Parked(Protocol):
     @property
     def num_waiting_bytes(self) -> int: ...
 
-    def let_go(self, num_bytes: int) -> None:
-        """Free that many bytes, or all if there are fewer."""
+    def let_go(self, num_bytes: int, sure_bytes: int) -> None:
+        """Free that many bytes, as far as possible without ending sessions that together hold no more than the other
+        number."""
 
 
 class WaitingMemory:
     """Accounts for clients' messages and engines' output that wait in memory: of streams, calls and parked sessions.
 
-    Beyond the budget, parked sessions give up theirs first, then the streams and calls that hold the most are ended.
+    Beyond the budget, parked sessions first give up what they can spare, and all beyond a part of the budget. Then the
+    streams and calls that hold the most are ended.
     Lives on the event loop, except num_bytes. on_begin: called when a holder that may hold memory begins.
     """
 
@@ -102,7 +109,7 @@ class WaitingMemory:
         live = [each for each in self._debtors() if each.refusal is None]
         parked, held = self._num_parked_bytes, sum(each.num_waiting_bytes for each in live)
         if parked + held > self._most and self._parked is not None:
-            self._parked.let_go(parked + held - self._most)
+            self._parked.let_go(parked + held - self._most, self._most // PARKED_PART)
             parked = self._num_parked_bytes
         live.sort(key=lambda each: each.num_waiting_bytes)
         while live and parked + held > self._most:

@@ -6,6 +6,7 @@ import asyncio
 import logging
 import secrets
 import time
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 
 from motiongen_server.engine.types import (
@@ -144,20 +145,28 @@ class KeptSessions:
             close(entry, reason, time.monotonic())
         return len(chosen)
 
-    def let_go(self, num_bytes: int) -> None:
-        """Free that many bytes if parked sessions hold as many, beginning with the largest.
+    def let_go(self, num_bytes: int, sure_bytes: int) -> None:
+        """Free that many bytes of what parked sessions hold, beginning with the largest.
 
         Placements and warnings are dropped first, so that a client that resumes still learns what became of its events.
-        If that is not enough, sessions are given up: resumes are refused as if grace_s had passed.
+        If that is not enough, sessions are given up until the rest holds no more than sure_bytes: resumes are refused
+        as if grace_s had passed.
         """
         parked = sorted((self._away[key] for key in self._timers), key=lambda entry: entry.held_bytes, reverse=True)
-        for free in (SessionEntry.let_go_of_places, self._give_up_for_room):
-            for entry in parked:
-                if num_bytes <= 0:
-                    return
-                before = entry.held_bytes
-                free(entry)
-                num_bytes -= before - entry.held_bytes
+        num_bytes = self._freed(parked, SessionEntry.let_go_of_places, num_bytes)
+        parked.sort(key=lambda entry: entry.held_bytes, reverse=True)
+        self._freed(parked, self._give_up_for_room, min(num_bytes, self.num_waiting_bytes - sure_bytes))
+
+    @staticmethod
+    def _freed(parked: Sequence[SessionEntry], free: Callable[[SessionEntry], None], num_bytes: int) -> int:
+        """Have sessions free that many bytes. Returns how many are still to be freed."""
+        for entry in parked:
+            if num_bytes <= 0:
+                break
+            before = entry.held_bytes
+            free(entry)
+            num_bytes -= before - entry.held_bytes
+        return num_bytes
 
     def _give_up_for_room(self, entry: SessionEntry) -> None:
         self._give_up(entry, "let_go")

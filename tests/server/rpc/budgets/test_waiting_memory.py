@@ -136,12 +136,15 @@ async def kept(resumes: Resumes) -> KeptSessions:
     return KeptSessions(30.0, resumes)
 
 
-def parked(kept: KeptSessions) -> tuple[Engine, str]:
-    """The engine and the token of a parked session whose client has not confirmed an answer with placements."""
-    line = Line(kept=kept)
+def parked(kept: KeptSessions, number: int = 1) -> tuple[Engine, str]:
+    """The engine and the token of a parked session whose client has not confirmed an answer with placements.
+
+    number: of the stream that carried it.
+    """
+    line = Line(kept=kept, number=number)
     line.open()
     line.send(2, set_play_state=PAUSE)
-    line.stream.take(placed(2))
+    line.stream.take(replace(placed(2), session=line.engine.events[0].session))
     line.stream.lose()
     return line.engine, token_of(line)
 
@@ -167,16 +170,35 @@ async def test_parked_sessions_give_up_placements_before_a_stream_is_ended(kept:
     assert resume(kept, engine, token).refusals() == []
 
 
-async def test_parked_sessions_are_closed_before_a_stream_is_ended(kept: KeptSessions, resumes: Resumes) -> None:
+async def test_parked_sessions_are_closed_for_a_stream_down_to_their_part(kept: KeptSessions, resumes: Resumes) -> None:
+    sessions = [parked(kept, number) for number in range(1, 9)]
+    kept.let_go(1 << 30, 1 << 30)
+    assert (kept.num_parked, resumes.counted) == (8, []), "placements and warnings were enough"
+    waiting = kept.num_waiting_bytes
+    stream = holding(waiting // (4 * ROW_WIDTH))
+    assert waiting < stream.num_waiting_bytes < 1.5 * waiting
+    memory = WaitingMemory(2 * waiting, {stream.number: stream}, kept)
+    memory.bound()
+    assert stream.refusal is None
+    assert memory.num_bytes <= 2 * waiting
+    assert kept.num_parked < 8
+    assert resumes.counted == ["let_go"] * (8 - kept.num_parked)
+    for number, (engine, token) in enumerate(sessions, 1):
+        is_closed = engine.kinds()[-1] is Close
+        assert (kept.find(token) is None) == is_closed
+        refusals = resume(kept, engine, token, attempt=20 + number).refusals()
+        assert refusals == ([(1, "SESSION_NOT_KEPT")] if is_closed else [])
+
+
+async def test_parked_session_is_not_closed_for_what_others_do_not_read(kept: KeptSessions, resumes: Resumes) -> None:
+    """Its client has only lost its connection, and to end it would free next to nothing."""
     stream = holding(300)
     memory = WaitingMemory(stream.num_waiting_bytes, {stream.number: stream}, kept)
     engine, token = parked(kept)
     memory.bound()
-    assert stream.refusal is None
-    assert memory.num_bytes == stream.num_waiting_bytes
-    assert engine.kinds()[-1] is Close
-    assert (kept.num_parked, resumes.counted) == (0, ["let_go"])
-    assert resume(kept, engine, token).refusals() == [(1, "SESSION_NOT_KEPT")]
+    assert stream.refusal is not None
+    assert (kept.num_parked, resumes.counted) == (1, [])
+    assert resume(kept, engine, token).refusals() == []
 
 
 async def test_let_go_takes_from_the_session_that_holds_most(kept: KeptSessions) -> None:
@@ -189,7 +211,7 @@ async def test_let_go_takes_from_the_session_that_holds_most(kept: KeptSessions)
         line.stream.lose()
     entries = [kept.find(token_of(line)) for line in (small, large)]
     before = [entry.held_bytes for entry in entries if entry is not None]
-    kept.let_go(1000)
+    kept.let_go(1000, 0)
     after = [entry.held_bytes for entry in entries if entry is not None]
     assert after[0] == before[0]
     assert after[1] < before[1]

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import time
 import urllib.request
 from dataclasses import dataclass
+from http.client import HTTPException
 from typing import TYPE_CHECKING
 
 from motiongen_client.errors import MissingExtra
@@ -31,6 +33,14 @@ class ServerUse:
     thrown_away: float | None = None
 
 
+@dataclass(frozen=True)
+class _Use:
+    """What one process has used: processor seconds since it started, and resident bytes."""
+
+    cpu_s: float
+    resident: int
+
+
 class ServerWatch:
     """Watches a process from outside. Raises MissingExtra without psutil.
 
@@ -44,23 +54,28 @@ class ServerWatch:
         except ImportError:
             raise MissingExtra("watching a server", "psutil", "bench") from None
         self._process = psutil.Process(pid)
-        self._gone = psutil.NoSuchProcess
+        self._gone, self._ended = psutil.NoSuchProcess, psutil.STATUS_ZOMBIE
 
     async def follow(self, start_at_s: float, phases: Phases) -> ServerUse | None:
-        """Wait until the measurement is over. start_at_s: on time.monotonic. Returns None if the server ended."""
-        try:
-            await asyncio.sleep(max(start_at_s + phases.measure_from_s - time.monotonic(), 0))
-            steps = await self._steps()
-            from_s, cpu_from_s = time.monotonic(), sum(map(_cpu_s, self._family()))
-            peak = 0
-            while time.monotonic() < start_at_s + phases.measure_to_s:
-                peak = max(peak, sum(process.memory_info().rss for process in self._family()))
-                await asyncio.sleep(_SAMPLE_PERIOD_S)
-            used_s = sum(map(_cpu_s, self._family())) - cpu_from_s
-            cores = used_s / (time.monotonic() - from_s)
-            return ServerUse(cores, peak / 2**20, thrown_away(steps, await self._steps()))
-        except self._gone:
+        """Wait until the measurement is over. start_at_s: on time.monotonic. Returns None if the server ended.
+
+        A child process that ends meanwhile, such as an engine that is lost, counts up to the last look at it.
+        """
+        await asyncio.sleep(max(start_at_s + phases.measure_from_s - time.monotonic(), 0))
+        steps = await self._steps()
+        from_s, before = time.monotonic(), self._look()
+        latest, peak = dict(before), 0
+        while time.monotonic() < start_at_s + phases.measure_to_s:
+            now = self._look()
+            latest |= now
+            peak = max(peak, sum(use.resident for use in now.values()))
+            await asyncio.sleep(_SAMPLE_PERIOD_S)
+        latest |= self._look()
+        took_s = time.monotonic() - from_s
+        if not self._is_there():
             return None
+        used_s = sum(use.cpu_s for use in latest.values()) - sum(use.cpu_s for use in before.values())
+        return ServerUse(used_s / took_s, peak / 2**20, thrown_away(steps, await self._steps()))
 
     async def _steps(self) -> tuple[float, float] | None:
         """Rows of denoising steps so far, and how many of them were discarded."""
@@ -68,17 +83,26 @@ class ServerWatch:
             return None
         try:
             text = await asyncio.to_thread(_read, f"http://{self._ops_address}/metrics")
-        except OSError:
+        except (OSError, HTTPException):  # it may end in the middle of its answer
             return None
         return total(text, _STEPS), total(text, _DISCARDED)
 
-    def _family(self) -> list[Process]:
-        return [self._process, *self._process.children(recursive=True)]
+    def _look(self) -> dict[Process, _Use]:
+        """What the server and its child processes have used so far; without those that end meanwhile."""
+        found = {}
+        with contextlib.suppress(self._gone):
+            for process in [self._process, *self._process.children(recursive=True)]:
+                with contextlib.suppress(self._gone):
+                    times = process.cpu_times()
+                    found[process] = _Use(times.user + times.system, process.memory_info().rss)
+        return found
 
-
-def _cpu_s(process: Process) -> float:
-    times = process.cpu_times()
-    return times.user + times.system
+    def _is_there(self) -> bool:
+        """Whether the server runs. A process that ended and was not waited for still has a number, but uses nothing."""
+        try:
+            return self._process.is_running() and self._process.status() != self._ended
+        except self._gone:
+            return False
 
 
 def total(metrics: str, name: str) -> float:

@@ -146,12 +146,13 @@ async def bench(options: argparse.Namespace) -> int:
             result = found.result
         else:
             result = await run(load)
-    if result is not None:
-        terminal.print_result(console, result)
-    if found is not None:
-        console.print(terminal.describe_found(found), soft_wrap=True)
-    for path in write_report(options.out, standard, result, found):
-        console.print(f"wrote {path}", soft_wrap=True)
+        # before the server is stopped, which fails if it has died: that must not cost what was measured
+        if result is not None:
+            terminal.print_result(console, result)
+        if found is not None:
+            console.print(terminal.describe_found(found), soft_wrap=True)
+        for path in write_report(options.out, standard, result, found):
+            console.print(f"wrote {path}", soft_wrap=True)
     if found is not None:
         return VOID if found.limited_by_generator else 0
     return VOID if result is None or result.void_reasons() else 0

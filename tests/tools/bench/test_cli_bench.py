@@ -13,6 +13,7 @@ from motiongen_tools.bench.result import Result
 from motiongen_tools.bench.scenario import load_scenario
 from motiongen_tools.cli import run
 from motiongen_tools.cli_bench import VOID, num_processes
+from motiongen_tools.server_process import ServerFailed
 from tests.attack.server import attacked
 from tests.server.identity.files import AUTHORITY, CERTIFICATES, TenantsFile, copy_pair
 from tests.tools.bench.made_up import make_result
@@ -96,6 +97,33 @@ def test_the_largest_number_of_characters_is_found(tmp_path: Path, capsys: pytes
     assert "36 characters, 5 s: 50.00% of frames missed" in printed
     assert json.loads((tmp_path / "result.json").read_text())["search"]["characters"] == 20
     assert (tmp_path / "search.png").is_file()
+
+
+class Dies:
+    """A server that is killed while it is measured."""
+
+    address, ops_address, pid = "localhost:1", "localhost:2", 1
+
+    def __init__(self, *_: object, **__: object) -> None:
+        """Takes what a server that is started takes."""
+
+    def __enter__(self) -> Dies:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        raise ServerFailed("the server ended with exit code -9, not 0", "")
+
+
+@pytest.mark.usefixtures("simulated_runs")
+def test_what_was_measured_is_reported_although_the_server_died(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(cli_bench, "ServerProcess", Dies)
+    assert run(["bench", "--start-server", "--characters", "50", "--out", str(tmp_path)]) == 1
+    printed = capsys.readouterr()
+    assert "Not served in full: 50.00% of frames were missed" in printed.out
+    assert "error: the server ended with exit code -9, not 0" in printed.err
+    assert (tmp_path / "result.json").is_file()
 
 
 def test_numbers_of_steps_that_the_model_cannot_do_are_refused(

@@ -5,9 +5,13 @@ from __future__ import annotations
 import argparse
 import math
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 from motiongen_client.errors import InvalidInput
+
+MOST_SEED = (1 << 64) - 1
+_MOST_DIGITS = 100  # Python itself refuses to read thousands
 
 
 def number_above_zero(text: str) -> float:
@@ -19,6 +23,19 @@ def number_above_zero(text: str) -> float:
     if not math.isfinite(number) or number <= 0:
         raise argparse.ArgumentTypeError(f"{text!r} was given; allowed is a number above 0")
     return number
+
+
+def whole_number(least: int, most: float = math.inf) -> Callable[[str], int]:
+    """An argparse type: whole numbers from `least` to `most`."""
+    allowed = f"of {least} or more" + (f", up to {most:,.0f}" if math.isfinite(most) else "")
+
+    def parse(text: str) -> int:
+        plain = text.isascii() and text.isdigit() and len(text) <= _MOST_DIGITS
+        if not plain or not least <= int(text) <= most:
+            raise argparse.ArgumentTypeError(f"{text!r} was given; allowed is a whole number {allowed}")
+        return int(text)
+
+    return parse
 
 
 def add_start_timeout(parser: argparse.ArgumentParser) -> None:

@@ -23,7 +23,7 @@ from motiongen_tools import (
     cli_stream,
     cli_view,
 )
-from motiongen_tools.arguments import add_start_timeout
+from motiongen_tools.arguments import MOST_SEED, add_start_timeout, whole_number
 from motiongen_tools.cli_script import AtAction, PromptAction, Script, check_generate, check_stream
 from motiongen_tools.connection import add_connection, check_started
 from motiongen_tools.demo import command
@@ -148,8 +148,12 @@ def _parser() -> argparse.ArgumentParser:
     )
     stream.add_argument("--npz", action="store_true", help="write FILE.npz too: the arrays, joint positions included")
     stream.add_argument("--png", action="store_true", help="write FILE.png too: path and skeletons (needs matplotlib)")
-    stream.add_argument("--seed", type=int, help="same seed, same motion (default: the server draws one)")
-    stream.add_argument("--steps", type=int, metavar="N", help="denoising steps of a window (default: the server's)")
+    stream.add_argument(
+        "--seed", type=whole_number(0, MOST_SEED), help="same seed, same motion (default: the server draws one)"
+    )
+    stream.add_argument(
+        "--steps", type=whole_number(1), metavar="N", help="denoising steps of a window (default: the server's)"
+    )
     stream.add_argument("--model", default="", metavar="NAME", help="model of the catalogue (default: its first)")
     stream.add_argument("--realtime", action="store_true", help="take frames in real time, not as fast as they come")
 

@@ -9,12 +9,11 @@ import importlib.util
 import math
 import os
 import secrets
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 from motiongen_client.errors import InvalidInput, MissingExtra
-from motiongen_tools.arguments import add_start_timeout, check_folder_to_write, number_above_zero
+from motiongen_tools.arguments import add_start_timeout, check_folder_to_write, number_above_zero, whole_number
 from motiongen_tools.bench import terminal
 from motiongen_tools.bench.load import Load
 from motiongen_tools.bench.report import write_report
@@ -43,20 +42,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     scenarios = f"{', '.join(BUILT_IN)}, or a YAML or JSON file"
     parser.add_argument("--scenario", default="crowd", metavar="NAME", help=f"{scenarios} (default: %(default)s)")
     parser.add_argument(
-        "--characters", type=_whole(1, MOST_CHARACTERS), metavar="N", help="how many at once (default: the scenario's)"
+        "--characters",
+        type=whole_number(1, MOST_CHARACTERS),
+        metavar="N",
+        help="how many at once (default: the scenario's)",
     )
     parser.add_argument(
         "--seconds",
-        type=_whole(1, MOST_SECONDS),
+        type=whole_number(1, MOST_SECONDS),
         default=30,
         metavar="N",
         help="seconds to measure, after warming up (default: %(default)s)",
     )
-    parser.add_argument("--seed", type=_whole(0), metavar="N", help="same seed, same load (default: a new one)")
-    parser.add_argument("--steps", type=_whole(1), metavar="N", help="denoising steps (default: the server's)")
+    parser.add_argument("--seed", type=whole_number(0), metavar="N", help="same seed, same load (default: a new one)")
+    parser.add_argument("--steps", type=whole_number(1), metavar="N", help="denoising steps (default: the server's)")
     parser.add_argument(
         "--processes",
-        type=_whole(1, MOST_PROCESSES),
+        type=whole_number(1, MOST_PROCESSES),
         metavar="N",
         help="processes that make the load (default: by characters and cores)",
     )
@@ -76,7 +78,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--trial-seconds",
-        type=_whole(1, MOST_SECONDS),
+        type=whole_number(1, MOST_SECONDS),
         metavar="N",
         help="seconds to measure in each trial of --find; its answer is confirmed with --seconds "
         f"(default: {DEFAULT_TRIAL_SECONDS})",
@@ -186,15 +188,3 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     for name in () if options.find else ("trial_seconds", "find_within"):
         if getattr(options, name) is not None:
             parser.error(f"--{name.replace('_', '-')} is for a search: give --find too")
-
-
-def _whole(least: int, most: float = math.inf) -> Callable[[str], int]:
-    """An argparse type: whole numbers from `least` to `most`."""
-    allowed = f"of {least} or more" + (f", up to {most:,.0f}" if math.isfinite(most) else "")
-
-    def parse(text: str) -> int:
-        if not text.isascii() or not text.isdigit() or not least <= int(text) <= most:
-            raise argparse.ArgumentTypeError(f"{text!r} was given; allowed is a whole number {allowed}")
-        return int(text)
-
-    return parse

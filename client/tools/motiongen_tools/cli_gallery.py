@@ -8,7 +8,7 @@ from pathlib import Path
 
 from motiongen_client.client import MotionClient
 from motiongen_client.types import Model
-from motiongen_tools.arguments import add_start_timeout, check_file_to_write
+from motiongen_tools.arguments import MOST_SEED, add_start_timeout, check_file_to_write, whole_number
 from motiongen_tools.connection import PLAIN, connection_of
 from motiongen_tools.console import make_console, starting
 from motiongen_tools.gallery.asking import ask_all
@@ -29,7 +29,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--steps", type=_steps, default=[None], metavar="N,N", help="denoising steps; several are shown side by side "
         "(default: each model's own)",
     )  # fmt: skip
-    parser.add_argument("--seed", type=int, default=DEFAULT_SEED, help="of all takes (default: %(default)s)")
+    parser.add_argument(
+        "--seed", type=whole_number(0, MOST_SEED), default=DEFAULT_SEED, help="of all takes (default: %(default)s)"
+    )
     parser.add_argument("--takes", type=Path, metavar="FOLDER", help="also show the takes that make gate wrote there")
     parser.add_argument(
         "--out", type=Path, default=Path("gallery.html"), metavar="FILE", help="the page (default: %(default)s)"

@@ -27,7 +27,7 @@ from motiongen_client.types import (
     SessionOptions,
 )
 from motiongen_tools.ardy_npz import read_ardy_npz, write_ardy_npz
-from motiongen_tools.arguments import add_start_timeout, check_file_to_read
+from motiongen_tools.arguments import MOST_SEED, add_start_timeout, check_file_to_read, whole_number
 from motiongen_tools.bvh import write_bvh
 from motiongen_tools.cli_stream import parse_seconds, parse_waypoint
 from motiongen_tools.connection import client_of
@@ -42,7 +42,9 @@ from motiongen_tools.whole_file import whole_file
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of the command, except prompts and those that choose the server."""
     parser.add_argument("--seconds", type=_positive, default=6.0, help="how long (default: %(default)s)")
-    parser.add_argument("--samples", type=_whole(1), default=1, metavar="N", help="how many (default: %(default)s)")
+    parser.add_argument(
+        "--samples", type=whole_number(1), default=1, metavar="N", help="how many (default: %(default)s)"
+    )
     parser.add_argument(
         "--out",
         type=out_path,
@@ -60,9 +62,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--history", type=Path, metavar="FILE", help="motion that the clip continues: NPZ, BVH, or CSV of a G1"
     )
     parser.add_argument("--history-hz", type=_positive, metavar="N", help="rows a second of a CSV (default: the rig's)")
-    parser.add_argument("--history-frames", type=_whole(1), metavar="N", help="frames of history that a window sees")
-    parser.add_argument("--seed", type=_whole(0), help="seed of the first sample; each next has one more")
-    parser.add_argument("--steps", type=_whole(1), metavar="N", help="denoising steps (default: the server's)")
+    parser.add_argument(
+        "--history-frames", type=whole_number(1), metavar="N", help="frames of history that a window sees"
+    )
+    parser.add_argument(
+        "--seed", type=whole_number(0, MOST_SEED), help="seed of the first sample; each next has one more"
+    )
+    parser.add_argument("--steps", type=whole_number(1), metavar="N", help="denoising steps (default: the server's)")
     parser.add_argument("--text-guidance", type=float, metavar="W", help="weight of prompts (default: the server's)")
     parser.add_argument("--constraint-guidance", type=float, metavar="W", help="weight of constraints (the server's)")
     parser.add_argument("--keep-prompts", action="store_true", help="keep prompts even against constraints")
@@ -261,16 +267,3 @@ def _positive(text: str) -> float:
     if seconds == 0:
         raise argparse.ArgumentTypeError(f"{text!r} was given; allowed is a number above 0")
     return seconds
-
-
-def _whole(least: int) -> Any:
-    def parse(text: str) -> int:
-        try:
-            value = int(text)
-        except ValueError:
-            value = least - 1
-        if value < least:
-            raise argparse.ArgumentTypeError(f"{text!r} was given; allowed is a whole number of {least} or more")
-        return value
-
-    return parse

@@ -142,6 +142,12 @@ def test_the_other_form_of_headings_and_positions_is_read(tmp_path: Path) -> Non
 ROOT: dict[str, Any] = {"type": "root2d", "frame_indices": [3], "root_2d": [[1, 2]]}
 
 
+def test_a_file_with_a_byte_order_mark_is_read(tmp_path: Path) -> None:
+    (tmp_path / "c.json").write_text(json.dumps([ROOT]), encoding="utf-8-sig")
+    (path,) = read_constraints(tmp_path / "c.json", rig_of("core27"), 20)
+    assert isinstance(path, RootTrajectory)
+
+
 @pytest.mark.parametrize(
     ("content", "named"),
     [
@@ -158,6 +164,8 @@ ROOT: dict[str, Any] = {"type": "root2d", "frame_indices": [3], "root_2d": [[1, 
         (json.dumps([{"type": "fullbody", "frame_indices": [1]}]), "constraint 0, local_joints_rot"),
         ('[{"type": "root2d", "frame_indices": [1], "root_2d": [[NaN, 1]]}]', "constraint 0, root_2d"),
         (json.dumps([{**ROOT, "root_2d": [[1, 10**400]]}]), "constraint 0, root_2d"),
+        (json.dumps([{**ROOT, "root_2d": [[1.5, True]]}]), "constraint 0, root_2d"),
+        (json.dumps([ROOT]).replace('"frame_indices"', '"type": "root2d", "frame_indices"'), "constraint file"),
         (json.dumps([ROOT]).replace("[1, 2]", f"[1, {'9' * 5000}]"), "constraint file"),
     ],
 )

@@ -115,7 +115,8 @@ def _check_tree(path: Path, bvh: Bvh, skeleton: Skeleton, order: list[int]) -> N
 
 def _metres_per_unit(path: Path, skeleton: Skeleton, offsets: np.ndarray) -> float:
     """The unit in which the total length of the file's bones is that of the skeleton's."""
-    given = float(np.linalg.norm(offsets[1:], axis=1).sum())
+    with np.errstate(over="ignore"):  # an infinite length fits no unit either
+        given = float(np.linalg.norm(offsets[1:], axis=1).sum())
     wanted = float(np.linalg.norm(skeleton.offsets[1:], axis=1).sum())
     closest = min(_UNITS_PER_METRE, key=lambda units: abs(np.log(max(given, 1e-12) / (wanted * units))))
     if not 0.8 < given / (wanted * closest) < 1.25:

@@ -30,6 +30,7 @@ LIMB_TYPES = {
 TYPES = ("root2d", "fullbody", "end-effector", *LIMB_TYPES)
 MAX_BYTES = 64 << 20
 UNIT_WITHIN = 0.01
+_MOST_QUOTED = 60
 
 
 def read_constraints(path: Path | str, rig: Rig, num_frames: int, max_path_frames: int = 400) -> list[Constraint]:
@@ -40,7 +41,7 @@ def read_constraints(path: Path | str, rig: Rig, num_frames: int, max_path_frame
     try:
         if Path(path).stat().st_size > MAX_BYTES:
             raise InvalidInput("constraint file", str(path), f"a file of at most {MAX_BYTES} bytes")
-        entries = json.loads(Path(path).read_text(encoding="utf-8"))
+        entries = json.loads(Path(path).read_text(encoding="utf-8-sig"), object_pairs_hook=_unique)
     except InvalidInput:
         raise
     except OSError as error:
@@ -53,6 +54,21 @@ def read_constraints(path: Path | str, rig: Rig, num_frames: int, max_path_frame
     for index, fields in enumerate(entries):
         found += _Entry(f"constraint {index}", fields, rig, num_frames, max_path_frames).constraints()
     return found
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """The fields of an object. Raises ValueError for one that is there twice: the first would have no effect."""
+    fields: dict[str, Any] = {}
+    for name, value in pairs:
+        if name in fields:
+            raise ValueError(f"an object has {name[:_MOST_QUOTED]!r} twice")
+        fields[name] = value
+    return fields
+
+
+def _has_truth_value(values: object) -> bool:
+    """Whether nested lists hold true or false, which numpy would read as 1 and 0."""
+    return isinstance(values, bool) or (isinstance(values, list) and any(map(_has_truth_value, values)))
 
 
 @dataclass(frozen=True)
@@ -93,7 +109,10 @@ class _Entry:
     def _array(self, name: str, *shape: int) -> NDArray[np.float32]:
         if name not in self.fields:
             raise InvalidInput(f"{self.where}, {name}", None, f"numbers of shape {shape}")
-        return as_array(f"{self.where}, {name}", self.fields[name], shape)
+        values = as_array(f"{self.where}, {name}", self.fields[name], shape)
+        if _has_truth_value(self.fields[name]):
+            raise InvalidInput(f"{self.where}, {name}", "true or false", f"numbers of shape {shape}")
+        return values
 
     def _ground(self, count: int) -> NDArray[np.float32] | None:
         named = [name for name in ("root_2d", "smooth_root_2d") if self.fields.get(name) is not None]

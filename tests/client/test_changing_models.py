@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import AsyncIterator, Iterator
 
 import grpc
@@ -14,6 +15,7 @@ from motiongen_client import EventRefused, MotionClient, SessionOptions, Unknown
 from tests.client.fake_server import FakeServer, full
 from tests.client.synthetic import ROW_WIDTH, catalog
 from tests.client.waiting import until
+from tests.waiting import LIMIT_S
 
 NUM_FRAMES = 8
 G1 = SessionOptions(model_id="g1")
@@ -184,3 +186,34 @@ def test_blocking_client_also_learns_of_new_models(server: Changing) -> None:
         (clip,) = client.generate_clip("walk", num_frames=NUM_FRAMES)
         assert clip.model_id == "g1"
         assert names(client) == ["g1"]
+
+
+class Leaving(Changing):
+    """Ends its stream when it is asked for its catalogue again, and does not answer, or with a failure."""
+
+    answers = True
+
+    def GetCatalog(
+        self, request: service_pb2.GetCatalogRequest, context: grpc.ServicerContext
+    ) -> service_pb2.GetCatalogResponse:
+        if self.asked.count("synthetic") == 0 and self.streams:
+            self.asked.append(request.catalog_etag)
+            self.stream.fail(grpc.StatusCode.UNAVAILABLE)
+            if self.answers:
+                context.abort(grpc.StatusCode.UNAVAILABLE, "it is going away")
+            gone = threading.Event()
+            if context.add_callback(gone.set):
+                gone.wait(LIMIT_S)
+        return super().GetCatalog(request, context)
+
+
+@pytest.mark.parametrize("answers", [True, False])
+async def test_opening_waits_for_the_next_connection_if_one_is_lost_while_models_are_looked_up(answers: bool) -> None:
+    with Leaving() as server:
+        server.answers = answers
+        async with MotionClient(server.address) as client, client.stream() as stream:
+            await stream.open("stand")
+            server.offer("synthetic", "g1")
+            session = await stream.open("walk", options=G1)
+            assert session.opened.model_id == "g1"
+            assert len(server.streams) == 2

@@ -5,8 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections import deque
-from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
+from collections.abc import Callable
 
 import grpc.aio
 
@@ -15,6 +14,7 @@ from motiongen_client import convert
 from motiongen_client.backlog import SendQueue
 from motiongen_client.backoff import FINAL_CODES, Backoff
 from motiongen_client.call import Call
+from motiongen_client.call_events import CallEvents
 from motiongen_client.channel import Route
 from motiongen_client.errors import MotiongenError, OtherServer, ServerUnavailable, StreamLost
 from motiongen_client.line_policy import LinePolicy
@@ -29,22 +29,6 @@ LISTEN_S = (0.0, 0.1, 0.5, 2.0)
 """How long successive attempts at a call listen before they send the hello. A server may refuse a call while the hello
 is still being written; grpc.aio then loses the status, in 2 to 36 of 100 such calls, depending on the machine. A call
 that writes nothing until it has listened always receives it."""
-
-
-@dataclass(frozen=True)
-class CallEvents:
-    """The stream's callbacks for events of its calls.
-
-    take: called with each response. greeted: hellos were exchanged on a new channel; awaited before the call counts as
-    connected. begun: there is a call. lost: it is gone; returns whether another is needed at once, otherwise one is
-    made when something waits for it. over: there will be no more calls.
-    """
-
-    take: Callable[[service_pb2.StreamMotionResponse], None]
-    greeted: Callable[[grpc.aio.Channel], Awaitable[None]]
-    begun: Callable[[], None]
-    lost: Callable[[], bool]
-    over: Callable[[MotiongenError], None]
 
 
 class Calls:
@@ -138,6 +122,18 @@ class Calls:
     async def until_after(self, number: int) -> None:
         """Wait for a call later than the one of that number. Raises the failure if there will be none."""
         await self._until(lambda: self.number > number)
+
+    async def is_lost(self, number: int) -> bool:
+        """Whether the call of that number is gone, or turns out to be within a moment. Raises the failure as above.
+
+        Other requests to the same server may fail a little before its loss is noticed here.
+        """
+        try:
+            async with asyncio.timeout(LAG_S):
+                await self._until(lambda: self.number > number or self._call is None)
+        except TimeoutError:
+            return False
+        return True
 
     async def _until(self, holds: Callable[[], bool]) -> None:
         """Ask for a call, and wait until a condition holds. Raises the failure if it never will."""

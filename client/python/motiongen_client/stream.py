@@ -12,10 +12,11 @@ from motiongen.v1 import service_pb2, session_pb2
 from motiongen.v1.service_pb2_grpc import MotionServiceStub
 from motiongen_client import convert
 from motiongen_client.backlog import Backlog, SendQueue
-from motiongen_client.calls import CallEvents, Calls
+from motiongen_client.call_events import CallEvents
+from motiongen_client.calls import Calls
 from motiongen_client.catalogs import has_model, newest_catalog
 from motiongen_client.channel import Route
-from motiongen_client.errors import EventRefused, InvalidInput, MotiongenError, ServerUnavailable
+from motiongen_client.errors import EventRefused, InvalidInput, MotiongenError, ServerUnavailable, StreamLost
 from motiongen_client.line_policy import LinePolicy
 from motiongen_client.prompts import Prompt
 from motiongen_client.reports import Reports
@@ -109,21 +110,24 @@ class Stream:
         """
         options = SessionOptions() if options is None else options
         check_type("options", options, SessionOptions, "SessionOptions, or None")
+        is_stale = False
         while True:
             await self._calls.until_connected()
             call = self._calls.number
-            if not has_model(self._catalog, options):
-                await self._fetch_catalog(self._calls.channel)
             try:
+                if is_stale or not has_model(self._catalog, options):
+                    await self._fetch_catalog(self._calls.channel)
                 return await self._open(options, prompt, later_prompts, constraints, keep_s)
             except EventRefused as refusal:
                 if refusal.reason == "DRAINING" and self.recovers:  # a server is available again soon
                     await self._calls.until_after(call)
-                elif options.model_id or refusal.reason != "UNKNOWN_MODEL":
+                elif options.model_id or refusal.reason != "UNKNOWN_MODEL" or is_stale:
                     raise
                 else:
-                    await self._fetch_catalog(self._calls.channel)  # the default model has been unloaded since
-                    return await self._open(options, prompt, later_prompts, constraints, keep_s)
+                    is_stale = True  # the default model has been unloaded since
+            except (ServerUnavailable, StreamLost):  # of the request for the catalogue
+                if not await self._calls.is_lost(call):
+                    raise
 
     async def _open(
         self,

@@ -101,3 +101,17 @@ async def test_prompt_removed_while_disconnected_is_removed_again_only_if_refuse
     session.playback.advance_to(HORIZON + 5)
     session.set_prompt("a person runs")
     assert list(line.said[-1].edit_prompts.remove) == ([] if is_taken else [scheduled.prompt_id])
+
+
+async def test_reopened_session_is_resumed_in_the_frame_numbers_of_its_server(session: Session, line: Line) -> None:
+    open_anew(session, line)
+    sent, chunk = frames(1)
+    chunk.chunk.committed_to = 9
+    for update in (sent, chunk):
+        session.hear(update)
+    session.playback.advance_to(HORIZON + 5)
+    session.interrupt()
+    session.reattach(convert.catalog(catalog(100)))
+    point = line.said[-1].open.resume_point
+    assert (point.next_frame, point.playhead, point.committed_to) == (HORIZON, 5, 9)
+    assert (point.plan, point.answered_seq, point.attempt) == (1, 1, 1)

@@ -116,6 +116,11 @@ class Ledger:
         """Whether an event is a Close of a known session, which overtakes waiting events."""
         return isinstance(event, Close) and event.session in self._entries
 
+    def gives_up_place(self, event: Event) -> bool:
+        """Whether an event, before it is noted, is the first Close of a session that takes the place of another."""
+        entry = self._entries.get(event.session) if isinstance(event, Close) else None
+        return entry is not None and not entry.is_clip and entry.close is None
+
     def number(self, events: Iterable[Event]) -> tuple[int, list[Event]]:
         """The number of the first of these events, and those that are to be sent.
 

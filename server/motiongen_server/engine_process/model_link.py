@@ -14,7 +14,6 @@ from motiongen_server.engine.mailbox import Mailbox, pending_refusal
 from motiongen_server.engine.ports import Deliver, Observe
 from motiongen_server.engine.types import (
     UNTOLD,
-    Close,
     Closed,
     CloseReason,
     Event,
@@ -123,8 +122,9 @@ class ModelLink:
                 if not self._mailbox.put(event):
                     return pending_refusal(event, MAX_PENDING)
                 self._has_events = True
+            self._places_since += self._ledger.gives_up_place(event)
+            self._places_since -= isinstance(event, Open) and not event.spec.is_clip
             self._ledger.note(event)
-            self._places_since += isinstance(event, Close) - (isinstance(event, Open) and not event.spec.is_clip)
         self._ring()
         return None
 

@@ -8,7 +8,17 @@ from typing import cast
 
 import pytest
 
-from motiongen_server.engine.types import Closed, CloseReason, Code, Open, Outcome, Priority, SessionKey, SessionSpec
+from motiongen_server.engine.types import (
+    Close,
+    Closed,
+    CloseReason,
+    Code,
+    Open,
+    Outcome,
+    Priority,
+    SessionKey,
+    SessionSpec,
+)
 from motiongen_server.engine.types.report import StepReport
 from motiongen_server.engine_process.messages import Pulse, Ready
 from motiongen_server.engine_process.model_link import ModelLink
@@ -145,4 +155,19 @@ def test_clips_take_no_places_of_sessions() -> None:
     opened(link, 2, 16, clip_frames=200)
     assert not link.refuses(Priority.NEAR, FACTS.default_steps)
     opened(link, 3, 1)
+    assert link.refuses(Priority.NEAR, FACTS.default_steps)
+
+
+def test_only_a_session_that_closes_gives_up_a_place_and_only_once() -> None:
+    """Otherwise a client that asks for clips and gives them up would have sessions sent to an engine that is full."""
+    link = link_with_four_sessions()
+    (clip,), (session,) = opened(link, 2, 1, clip_frames=200), opened(link, 3, 1)
+    link.take_pulse(Pulse(1, 0.0, (StepReport(places={Priority.NEAR: 0.0}),)))
+    for key in (clip, SessionKey(9, 9)):
+        link.submit(Close(key, 2, 0.0, CloseReason.CLIENT))
+    assert link.refuses(Priority.NEAR, FACTS.default_steps)
+    for _ in range(2):
+        link.submit(Close(session, 2, 0.0, CloseReason.CLIENT))
+    assert not link.refuses(Priority.NEAR, FACTS.default_steps)
+    opened(link, 4, 1)
     assert link.refuses(Priority.NEAR, FACTS.default_steps)

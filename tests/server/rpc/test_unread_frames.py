@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from motiongen_server.engine.types import Closed, CloseReason, Code, Outcome
+from hypothesis import given
+from hypothesis import strategies as st
+
+from motiongen_server.engine.types import Chunk, Closed, CloseReason, Code, Outcome, Output
 from motiongen_server.rpc.send_queue import UPDATE_OVERHEAD_BYTES, Run, SendQueue, size_of
 from tests.server.rpc.test_send_queue import KEY, OTHER, WIDTH, chunk, frames, notice, put_all
 
@@ -69,3 +72,37 @@ def test_frames_of_a_session_that_goes_on_elsewhere_are_not_sent() -> None:
     other, told = send_queue.take(1 << 30)
     assert isinstance(other, Run)
     assert (frames(other), told) == ([0, 1], (closed, 2))
+
+
+SESSIONS = st.sampled_from([KEY, OTHER])
+ENDS = st.sampled_from([CloseReason.CLIENT, CloseReason.TAKEN_OVER])
+
+
+@given(
+    st.lists(
+        st.one_of(
+            st.builds(chunk, st.integers(0, 30), st.integers(1, 12), key=SESSIONS),
+            st.builds(notice, st.integers(1, 9), st.integers(0, 40), key=SESSIONS),
+            st.builds(Closed, SESSIONS, ENDS, st.just(Code.OK), st.just(""), st.just(0), st.just(0)),
+            st.integers(1, 800),
+        ),
+        max_size=40,
+    ),
+    st.integers(1, 30),
+)
+def test_no_more_than_a_look_ahead_of_each_handle_waits_without_being_excess(
+    acts: list[Output | int], lookahead: int
+) -> None:
+    """Whatever happens to the sessions of a stream, and however they follow each other on its handles."""
+    send_queue = SendQueue()
+    for act in acts:
+        if isinstance(act, int):
+            send_queue.take(act)
+        elif isinstance(act, Chunk):
+            send_queue.put_chunk(act, 1, lookahead=lookahead)
+        else:
+            send_queue.put(act, 1)
+        owed = send_queue.num_bytes - send_queue.excess_bytes
+        assert 0 <= owed <= 2 * lookahead * (UPDATE_OVERHEAD_BYTES + WIDTH * 4)
+    send_queue.take(1 << 30)
+    assert send_queue.num_bytes == send_queue.excess_bytes == 0

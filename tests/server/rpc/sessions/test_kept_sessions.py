@@ -129,6 +129,32 @@ async def test_session_that_ends_while_its_client_is_away_frees_its_place(line: 
     assert (kept.num_parked, line.stream.peer.num_sessions) == (0, 0)
 
 
+async def test_session_that_ended_while_its_client_was_away_is_forgotten_after_the_grace_period(
+    line: Line, kept: KeptSessions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its engine has answered everything, and would say nothing more of it."""
+    loop, timers = asyncio.get_running_loop(), list[Any]()
+    begin = loop.call_later
+
+    def note(delay_s: float, *what: Any) -> asyncio.TimerHandle:
+        timers.append(what)
+        return begin(delay_s, *what)
+
+    monkeypatch.setattr(loop, "call_later", note)
+    line.open()
+    token = token_of(line)
+    line.stream.lose()
+    carrier = kept.carrier_of(KEY)
+    assert carrier is not None
+    carrier.take(Closed(KEY, CloseReason.ENGINE_FAULT, Code.UNAVAILABLE, "lost", 0, 0))
+    assert kept.has_away
+    ((give_up, *of),) = timers
+    give_up(*of)
+    assert not kept.has_away
+    assert line.engine.kinds() == [Open]
+    assert resume(kept, line.engine, token).refusals() == [(1, "SESSION_NOT_KEPT")]
+
+
 async def test_closing_session_is_kept_until_the_engine_has_ended_it(line: Line, kept: KeptSessions) -> None:
     line.open()
     line.send(2, set_play_state=session_pb2.SetPlayState())

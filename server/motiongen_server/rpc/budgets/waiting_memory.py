@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from operator import itemgetter
 from typing import Protocol
 
 from motiongen_server.errors import StreamRefused
@@ -20,9 +22,12 @@ lost their connection, hold little, and are not to lose their sessions because o
 
 class Debtor(Protocol):
     """A stream, a clip call, or a request whose client has not closed its side. num_waiting_bytes: roughly what is held
-    for its client."""
+    for its client. peer_name: of the peer that it counts for."""
 
     refusal: StreamRefused | None
+
+    @property
+    def peer_name(self) -> str: ...
 
     @property
     def num_waiting_bytes(self) -> int: ...
@@ -51,8 +56,9 @@ class Parked(Protocol):
 class WaitingMemory:
     """Accounts for clients' messages and engines' output that wait in memory: of streams, calls and parked sessions.
 
-    Beyond the budget, parked sessions first give up what they can spare, and all beyond a part of the budget. Then the
-    streams and calls that hold the most are ended.
+    Beyond the budget, parked sessions first give up what they can spare, and all beyond a part of the budget. Then
+    streams and calls are ended: of the peer that has the most, the one that holds the most. A client with one large
+    stream is not ended for others that hold as much as they may on many small ones.
     Lives on the event loop, except num_bytes. on_begin: called when a holder that may hold memory begins.
     """
 
@@ -111,13 +117,28 @@ class WaitingMemory:
         if parked + held > self._most and self._parked is not None:
             self._parked.let_go(parked + held - self._most, self._most // PARKED_PART)
             parked = self._num_parked_bytes
-        live.sort(key=lambda each: each.num_waiting_bytes)
-        while live and parked + held > self._most:
-            debtor = live.pop()
-            held -= debtor.num_waiting_bytes
+        if parked + held > self._most:
+            held = self._ended(live, held, self._most - parked)
+        self._room = max(self._most - parked - held, self._most // LEAST_ROOM)
+
+    def _ended(self, live: Sequence[Debtor], held: int, most: int) -> int:
+        """End holders until the rest holds no more than `most`. held: by all of them. Returns what the rest holds."""
+        of_peers: defaultdict[str, list[tuple[int, Debtor]]] = defaultdict(list)
+        for each in live:
+            of_peers[each.peer_name].append((each.num_waiting_bytes, each))
+        totals = {name: sum(num_bytes for num_bytes, _ in of_peer) for name, of_peer in of_peers.items()}
+        for of_peer in of_peers.values():
+            of_peer.sort(key=itemgetter(0))
+        while totals and held > most:
+            name = max(totals, key=totals.__getitem__)
+            num_bytes, debtor = of_peers[name].pop()
+            totals[name] -= num_bytes
+            held -= num_bytes
+            if not of_peers[name]:
+                del totals[name]
             with alone(debtor):
                 debtor.refuse(no_memory_left(self._most))
-        self._room = max(self._most - parked - held, self._most // LEAST_ROOM)
+        return held
 
     def _debtors(self) -> list[Debtor]:
         return [*list(self._streams.values()), *list(self._calls.values()), *list(self._requests)]

@@ -105,7 +105,7 @@ class CallAdmission:
         num_bytes, now = request.num_waiting_bytes, time.monotonic()
         peer.calls.charge(num_bytes / BYTES_A_CALL, now)
         peer.bytes.charge(num_bytes, now)
-        request.owed_s = peer.calls.owed_s
+        request.owed_s, request.peer_name = peer.calls.owed_s, peer.name
         try:
             with peer.holding(request, num_bytes), self._counted(request):
                 yield

@@ -39,7 +39,7 @@ class AwaitedRequest:
     """A request that is awaited, or has come and is held in memory until its client closes its side.
 
     over: done once the wait has been ended. refusal: why, if not for lack of time. owed_s: seconds until its caller has
-    paid.
+    paid. peer_name: of the peer that it counts for.
     """
 
     over: asyncio.Future[None]
@@ -47,6 +47,7 @@ class AwaitedRequest:
     num_waiting_bytes: int = 0
     refusal: StreamRefused | None = None
     owed_s: Callable[[float], float] = lambda _now: 0.0
+    peer_name: str = ""
 
     def end(self) -> None:
         """End the wait."""

@@ -86,7 +86,8 @@ class ClipService:
     async def generate(self, request: service_pb2.GenerateClipRequest, context: CallContext, peer: Peer) -> None:
         """Answer one call. Its samples stop within a step when its client has gone or its time is up."""
         begun_at, code, number = time.monotonic(), "CANCELLED", next(self._numbers)
-        holding = self._holdings[number] = Holding(TAKEN_APART * request.ByteSize(), self._memory.note)
+        holding = Holding(TAKEN_APART * request.ByteSize(), self._memory.note, peer.name)
+        self._holdings[number] = holding
         self._memory.begin(number, holding)
         remaining_s = context.time_remaining()  # if the call is cancelled or expires, gRPC cancels this task
         most_s = self._models.limits.max_clip_s

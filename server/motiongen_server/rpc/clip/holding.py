@@ -21,8 +21,12 @@ class Holding:
     num_waiting_bytes.
     """
 
-    def __init__(self, request_bytes: int, note: Callable[[int], None] = lambda _: None) -> None:
-        """request_bytes: what the request takes as long as the call lasts. note: is told of bytes added and removed."""
+    def __init__(self, request_bytes: int, note: Callable[[int], None] = lambda _: None, peer_name: str = "") -> None:
+        """request_bytes: what the request takes as long as the call lasts. note: is told of bytes added and removed.
+
+        peer_name: of the peer that the call counts for.
+        """
+        self.peer_name = peer_name
         self.refusal: StreamRefused | None = None
         self.cut: Callable[[], object] = lambda: None
         self._request_bytes = request_bytes

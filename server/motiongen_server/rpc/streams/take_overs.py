@@ -72,6 +72,11 @@ class StreamTakeOvers(StreamSessions):
         held_back = sum(each.num_bytes for each in self._held_back.values())
         return super().num_waiting_bytes + held_back + self.peer.held.of(self)
 
+    @property
+    def peer_name(self) -> str:
+        """The peer that the stream counts for."""
+        return self.peer.name
+
     @abstractmethod
     def fail(self, error: Exception) -> None:
         """End the stream because of a fault of the server's own."""

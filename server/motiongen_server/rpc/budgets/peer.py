@@ -39,6 +39,7 @@ class Peer:
         self.tenant = tenant
         self.name = name
         self.num_streams = 0
+        self._num_calls = 0  # that take one request, from their beginning on
         self._sessions: Counter[Priority] = Counter()
         self._clip_samples = 0
         self.waiting_bytes = 0  # of events that wait for prompts to be encoded, or for the store
@@ -61,6 +62,14 @@ class Peer:
         """A stream of the peer has ended."""
         self.num_streams -= 1
         self.loop.leave(self)
+
+    def begin_call(self) -> Callable[[], None]:
+        """A call that takes one request begins; returns the function to be called when it is over."""
+        self._num_calls += 1
+        return self._end_call
+
+    def _end_call(self) -> None:
+        self._num_calls -= 1
 
     def adopt(self, limits: PeerLimits, now: float) -> None:
         """Apply these limits from now on; what is open stays open, and debts remain."""
@@ -88,7 +97,7 @@ class Peer:
 
     def is_idle(self, now: float) -> bool:
         """Whether the peer can be forgotten: it has nothing open, and its budgets are full again."""
-        is_open = self.loop.serves(self) or self._clip_samples or self._sessions.total()
+        is_open = self.loop.serves(self) or self._num_calls or self._clip_samples or self._sessions.total()
         buckets = (self.events, self.bytes, self.prompts, self.calls, self.loop_part)
         return not is_open and all(each.is_full(now) for each in buckets)
 

@@ -94,6 +94,7 @@ class CallAdmission:
         """
         peer, _ = await self.charge(call)
         call.hold(self._places.take(peer.name, call.peer(), peer.limits.calls, peer.kind))
+        call.hold(peer.begin_call())  # else it might be forgotten before the request comes, and its quotas be had anew
         return peer, await call.request(most_bytes, partial(self._arrive, peer))
 
     @contextmanager

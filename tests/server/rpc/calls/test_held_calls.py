@@ -69,6 +69,21 @@ async def test_request_is_charged_and_counted_before_its_client_half_closes() ->
         assert peer.held.num_bytes == 0
 
 
+async def test_peer_is_not_forgotten_while_a_request_is_awaited() -> None:
+    """Otherwise an address could have its quota of clips once more with each call that waits for long."""
+    async with (
+        asyncio.timeout(LIMIT_S),
+        LocalServer() as server,
+        grpc.aio.insecure_channel(server.address) as channel,
+    ):
+        peer = peer_of(server)
+        assert peer.is_idle(time.monotonic())
+        call = channel.stream_stream(PATH)()
+        await until_true(lambda: not peer.is_idle(time.monotonic() + 60))
+        call.cancel()
+        await until_true(lambda: peer.is_idle(time.monotonic() + 60))
+
+
 @pytest.mark.parametrize(
     ("limits", "reason"),
     [

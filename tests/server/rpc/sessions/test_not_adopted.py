@@ -68,3 +68,22 @@ async def test_events_wait_for_the_take_over_but_playheads_are_dropped(tmp_path:
     assert [event.event_seq for event in line.engine.events] == [1, RECORD.taken_seq + 1, 0]
     await until_true(lambda: not line.stream.peer.waiting_bytes)
     await asyncio.to_thread(durability.close)
+
+
+async def test_session_is_not_moved_to_a_stream_that_was_lost_while_its_resume_waited(tmp_path: Path) -> None:
+    """It would be kept for ever, since its grace period would have ended with the move."""
+    line, store, durability = asking(tmp_path)
+    assert line.kept is not None
+    other = Line(line.catalog, kept=line.kept, number=2)
+    other.stream.peer.tenant = RECORD.tenant
+    other.open()
+    token = next(update.opened.session_token for update in other.updates() if update.HasField("opened"))
+    other.stream.lose()
+    line.send(1, open=resuming(9))
+    point = session_pb2.ResumePoint(attempt=1)
+    line.send(1, open=session_pb2.OpenSession(resume_token=token, resume_point=point))
+    line.stream.lose()
+    store.gate.set()
+    await until_true(lambda: not line.stream.peer.waiting_bytes)
+    assert (line.kept.num_parked, line.stream.num_sessions) == (1, 0)
+    await asyncio.to_thread(durability.close)

@@ -91,24 +91,6 @@ async def test_account_is_bounded_at_once_between_two_looks_of_the_watch() -> No
     assert 6_000 < memory.num_bytes <= 10_000
 
 
-async def test_largest_holder_of_the_peer_with_the_most_is_ended() -> None:
-    """A client with one large stream must not lose it to those that hold more on many small ones."""
-    large = holding(300)
-    small = [Holding(each * large.num_waiting_bytes // 20, peer_name="ipv4:10.0.0.7") for each in (8, 9, 10)]
-    memory = WaitingMemory(2 * large.num_waiting_bytes, {1: large})
-    for number, call in enumerate(small):
-        memory.begin(number, call)
-    memory.bound()
-    assert large.refusal is None
-    assert [each.refusal is not None for each in small] == [False, False, True]
-    memory = WaitingMemory(large.num_waiting_bytes * 6 // 5, {1: large})
-    for number, call in enumerate(small[:2]):
-        memory.begin(number, call)
-    memory.bound()
-    assert large.refusal is not None
-    assert [each.refusal for each in small[:2]] == [None, None]
-
-
 class Faulty:
     """A holder of memory that fails when it is to be ended."""
 

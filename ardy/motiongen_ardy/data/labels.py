@@ -99,6 +99,8 @@ def _label(row: Mapping[str | None, str | list[str] | None], place: str) -> Labe
             raise LabelsError(f"{place}: column {column} is empty")
     if not cells["texts"].strip("| "):
         raise LabelsError(f"{place}: column texts has no text, only bars that part texts")
+    if "\0" in cells["file"]:
+        raise LabelsError(f"{place}: column file has a character with the number 0, which no path has")
     if SEPARATOR in cells["id"]:
         raise LabelsError(f"{place}: id {cells['id']!r} has a {SEPARATOR}, which joins ids; write another character")
     if cells["split"] not in SPLITS:

@@ -25,6 +25,7 @@ def test_a_text_with_commas_and_quotes_is_read_in_full(tmp_path: Path) -> None:
         ('b,b.bvh,walk,normal,train,"he walks', "cannot be read: unexpected end of data; a cell in quotation marks"),
         ('b,b.bvh,walk,normal,train,"he" walks', "after line 2: cannot be read: .* a cell in quotation marks"),
         ("b,./a.bvh,walk,normal,test,he walks", "line 3: 'b' has the file of 'a', ./a.bvh; a file has one row"),
+        ("b,b\0.bvh,walk,normal,train,he walks", "line 3: column file has a character with the number 0"),
         ("b,x/../a.bvh,walk,normal,train,he walks", "'b' has the file of 'a'"),
     ],
 )

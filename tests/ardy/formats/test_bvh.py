@@ -123,6 +123,7 @@ def without_last_line(text: str) -> str:
         (lambda text: re.sub(r"Frame Time: .*", "Frame Time: 0.0333667", text), "a frame time of 0.0333667 s"),
         (lambda text: re.sub(r"OFFSET .*", "OFFSET 1 1 1", text), "retarget"),
         (lambda text: re.sub(r"OFFSET .*", "OFFSET 0 0 0", text), "no unit known here fits"),
+        (lambda text: re.sub(r"OFFSET .*", "OFFSET 1e308 0 0", text), "bones of inf units in all"),
         (lambda text: re.sub(r"Frames: 3", "Frames: 999999999", text), "expected 999999999 frames, found 3"),
         (lambda text: re.sub(r"Frames: 3", "Frames: ²", text), "a count of at least 1"),
         (without_last_line, "expected 3 frames, found 2"),

@@ -56,6 +56,14 @@ def test_an_angle_is_clamped_to_the_end_of_its_range_nearer_on_the_circle() -> N
     assert clamp_to_range(qpos)[0][:, SHOULDER].tolist() == pytest.approx([2.6704, 2.6704])
 
 
+def test_an_angle_written_with_whole_turns_more_or_less_is_the_same_angle() -> None:
+    qpos = walking_qpos(7, 25)
+    qpos[:, SHOULDER] = 0.5 + 2 * math.pi * torch.arange(-3, 4)
+    kept, clamped = clamp_to_range(qpos)
+    assert clamped == ()
+    assert kept[:, SHOULDER].tolist() == pytest.approx([0.5] * 7)
+
+
 @settings(max_examples=50, deadline=None)
 @given(seed=st.integers(0, 2**31))
 def test_quaternions_keep_their_rotation_and_their_sign_is_continuous(seed: int) -> None:
@@ -64,6 +72,7 @@ def test_quaternions_keep_their_rotation_and_their_sign_is_continuous(seed: int)
     smooth = continuous_signs(quaternions)
     assert smooth[0, 0] >= 0
     assert ((smooth[1:] * smooth[:-1]).sum(-1) >= 0).all()
+    assert torch.equal(smooth.abs(), quaternions.abs())
     torch.testing.assert_close(quaternion_to_matrix(smooth), quaternion_to_matrix(quaternions))
 
 

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from motiongen_ardy.formats.npz import read_npz, write_npz
-from motiongen_client import InvalidInput, Motion
+from motiongen_client import InvalidInput, Motion, Rig
 from motiongen_client.kinematics import axis_angle_to_quaternion, matrix_to_quaternion, quaternion_to_matrix
 from motiongen_tools.ardy_npz import read_ardy_npz, write_ardy_npz
+from motiongen_tools.cli_generate import read_prior
 from tests.tools.test_constraint_file import rig_of
 
 SKELETONS = ("core27", "g134")
@@ -77,3 +78,21 @@ def test_quaternions_and_matrices_represent_the_same_rotations() -> None:
     back = matrix_to_quaternion(quaternion_to_matrix(quaternions))
     np.testing.assert_allclose(quaternion_to_matrix(back), quaternion_to_matrix(quaternions), atol=1e-12)
     assert (back[:, 0] >= 0).all()
+
+
+@pytest.mark.parametrize(
+    ("rig", "given", "allowed"),
+    [
+        (replace(rig_of("core27"), frame_rate_hz=25), "20 frames a second", "25, the rate of core27"),
+        (rig_of("g134"), "local_rot_mats (12, 27, 3, 3)", "motion of g134, which has 34 joints"),
+    ],
+)
+def test_a_history_of_another_rig_is_refused_with_its_option_and_file(
+    rig: Rig, given: str, allowed: str, tmp_path: Path
+) -> None:
+    write_ardy_npz(tmp_path / "walk.npz", motion("core27"))
+    with pytest.raises(InvalidInput) as refused:
+        read_prior(tmp_path / "walk.npz", rig, None)
+    assert refused.value.field == "--history"
+    assert str(refused.value.given).startswith(f"{tmp_path / 'walk.npz'}, {given}")
+    assert refused.value.allowed == allowed

@@ -162,12 +162,15 @@ def session_options(options: argparse.Namespace, model: Model, rig: Rig) -> Sess
 
 
 def read_prior(path: Path, rig: Rig, rate_hz: float | None) -> Motion:
-    """Motion of the rig from a file. Files not in ARDY's NPZ form go through the converter."""
+    """Motion of the rig from a file of any format, by the converter. Raises ConversionFailed, InvalidInput."""
     with tempfile.TemporaryDirectory() as folder:
         converted = Path(folder) / "history.npz"
         rate = ("--fps", str(rate_hz or rig.frame_rate_hz)) if is_without_clock(path) else ()
         convert_to_npz(path, converted, *rate)
-        return read_ardy_npz(converted, rig)
+        try:
+            return read_ardy_npz(converted, rig)
+        except InvalidInput as error:  # it names the converted file, which is temporary
+            raise InvalidInput("--history", f"{path}, {error.given}", error.allowed) from None
 
 
 def write_clips(

@@ -56,6 +56,14 @@ def test_an_angle_is_clamped_to_the_end_of_its_range_nearer_on_the_circle() -> N
     assert clamp_to_range(qpos)[0][:, SHOULDER].tolist() == pytest.approx([2.6704, 2.6704])
 
 
+@pytest.mark.parametrize(("angle", "end"), [(4.5, 2.8798), (4.6, -0.087267)])
+def test_half_way_round_from_the_middle_of_its_range_the_other_end_is_nearer(angle: float, end: float) -> None:
+    """The left knee's range, -0.087 to 2.880, has its middle at 1.396; half a turn from there is 4.538."""
+    qpos = walking_qpos(1, 25)
+    qpos[:, KNEE] = angle
+    assert clamp_to_range(qpos)[0][:, KNEE].tolist() == pytest.approx([end], abs=1e-4)
+
+
 def test_an_angle_written_with_whole_turns_more_or_less_is_the_same_angle() -> None:
     qpos = walking_qpos(7, 25)
     qpos[:, SHOULDER] = 0.5 + 2 * math.pi * torch.arange(-3, 4)

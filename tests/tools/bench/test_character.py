@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from motiongen.v1 import motion_pb2, session_pb2
 from motiongen_tools.bench.character import START_GRACE_S, Character
-from motiongen_tools.bench.recorder import ANSWER, EVENT, OPEN, SCREEN, Recorder
+from motiongen_tools.bench.recorder import ANSWER, EVENT, LATENESS, OPEN, SCREEN, SLACK, Recorder
 from motiongen_tools.bench.schedule import CharacterPlan, Phases
 
 FPS = 20
@@ -75,6 +75,19 @@ def test_each_frame_time_without_a_frame_is_missed_and_playback_continues(table:
     table.send_frames(40, 20, 2.29)  # due at 1.3 + 20 frames = 2.3
     assert table.total("missed") == 6
     assert table.character.playhead(2.31) == 40
+
+
+@pytest.mark.parametrize(("arrived_s", "slack_ms", "lateness_ms"), [(2.7, 300, 0), (3.2, 0, 200)])
+def test_a_chunk_is_measured_against_the_moment_at_which_it_is_due(
+    arrived_s: float, slack_ms: float, lateness_ms: float, table: Table
+) -> None:
+    table.send_plan(0, 1.0)
+    table.send_frames(0, 40, 1.0)
+    table.send_frames(40, 20, arrived_s)  # due at 3 s
+    for what, milliseconds in ((SLACK, slack_ms), (LATENESS, lateness_ms)):
+        histogram = table.recorder.histogram(what)
+        assert histogram.get_total_count() == 1
+        assert histogram.get_max_value() / 1000 == pytest.approx(milliseconds, abs=1)
 
 
 def test_a_character_that_never_starts_misses_all_frames_after_a_grace(table: Table) -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from motiongen_tools.bench.recorder import EVENT
-from tests.tools.bench.made_up import SECONDS, make_result
+from tests.tools.bench.made_up import SECONDS, book_with, make_result
 
 
 def test_figures_cover_only_the_measured_seconds() -> None:
@@ -30,6 +32,11 @@ def test_a_late_generator_makes_the_run_void(lag_ms: float, void: int) -> None:
     reasons = make_result(lag_ms=lag_ms).void_reasons()
     assert len(reasons) == void
     assert all("5.1 ms (p99); 5 ms is allowed" in reason for reason in reasons)
+
+
+def test_a_run_in_which_nothing_was_to_be_sent_counts() -> None:
+    result = replace(make_result(), recorder=book_with())
+    assert result.void_reasons() == []
 
 
 def test_few_missed_frames_and_full_service_are_no_shortfall() -> None:

@@ -15,6 +15,11 @@ def test_figures_cover_only_the_measured_seconds() -> None:
     assert (figures.due, figures.missed) == (1000, 20)
     assert figures.miss_ratio == pytest.approx(0.02)
     assert figures.on_time_per_s == pytest.approx(980 / SECONDS)
+    assert make_result(missed=1001).figures().on_time_per_s == 0, "frames that were due before are missed too"
+    received = make_result()
+    for second in (received.phases.measure_from_s - 1, received.phases.measure_to_s - 1, received.phases.measure_to_s):
+        received.recorder.add("frames", "crowd", second, 300)
+    assert received.figures().frames_per_s == pytest.approx(300 / SECONDS)
 
 
 @pytest.mark.parametrize(("characters", "ratio"), [(20, 1.0), (2, 0.0)])
@@ -37,6 +42,7 @@ def test_a_late_generator_makes_the_run_void(lag_ms: float, void: int) -> None:
 def test_a_run_in_which_nothing_was_to_be_sent_counts() -> None:
     result = replace(make_result(), recorder=book_with())
     assert result.void_reasons() == []
+    assert result.headline() == "crowd, 10 characters: 100.00% of frames missed"
 
 
 def test_few_missed_frames_and_full_service_are_no_shortfall() -> None:

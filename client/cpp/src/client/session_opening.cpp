@@ -10,6 +10,7 @@ namespace {
 
 constexpr double kRetryS = 1.0;                    // after the server has ended a session that can continue
 constexpr std::uint32_t kMostLookahead = 1 << 16;  // frames; servers grant 10,000 at most
+constexpr std::uint64_t kAroundRowsBytes = 64;     // tags, lengths and numbers of the messages around rows
 
 bool same_rows(const Rig& a, const Rig& b) {
   return a.row_width == b.row_width && a.joint_names == b.joint_names && a.frame_rate_hz == b.frame_rate_hz &&
@@ -22,14 +23,17 @@ Status passed() {
 
 }  // namespace
 
-std::uint32_t SessionState::prior_rows(const Catalog& catalog, std::uint64_t end, std::string& rows) const {
+std::uint32_t SessionState::prior_rows(const Catalog& catalog, std::uint64_t end, std::uint64_t rest_bytes,
+                                       std::string& rows) const {
   const Model* model = convert::find_model(catalog, opened.model_id);
   if (!timeline || model == nullptr || end <= timeline->first_kept() || end > timeline->buffered_to()) return 0;
   const std::uint64_t patch = std::max<std::uint64_t>(model->patch_frames, 1);
   const std::uint64_t asked = book.history_frames() != 0 ? book.history_frames() : model->default_history_frames;
-  // as many as a window sees, but not more than fit into a message
-  const std::uint64_t row_bytes = rig.own_width * sizeof(float);
-  const std::uint64_t most = Outbox::most_event_bytes(catalog.limits.max_request_bytes) / row_bytes / patch;
+  // as many as a window sees and as fit into a message; one patch in any case, since without any it would jump
+  const std::uint64_t patch_bytes = patch * rig.own_width * sizeof(float);
+  const std::uint64_t event_bytes = Outbox::most_event_bytes(catalog.limits.max_request_bytes);
+  const std::uint64_t room_bytes = event_bytes - std::min(rest_bytes + kAroundRowsBytes, event_bytes);
+  const std::uint64_t most = std::max(room_bytes / patch_bytes, std::min<std::uint64_t>(event_bytes / patch_bytes, 1));
   const std::uint64_t wanted = std::min(std::max<std::uint64_t>(asked / patch, 1), most) * patch;
   if (wanted == 0) return 0;
   std::uint64_t first = std::max(timeline->first_kept(), end < wanted ? 0 : end - wanted);
@@ -54,7 +58,7 @@ v1::SessionEvent SessionState::seek_event(std::uint64_t frame, const Catalog& ca
 void SessionState::say_as_rows(v1::Seek& seek, const Catalog& catalog) const {
   if (seek.frame() == 0 || seek.frame() > base_) return;
   std::string rows;
-  const std::uint32_t num_rows = prior_rows(catalog, seek.frame(), rows);
+  const std::uint32_t num_rows = prior_rows(catalog, seek.frame(), 0, rows);
   if (num_rows == 0) return;
   auto* frames = seek.mutable_prior_frames();
   frames->set_frame_count(num_rows);
@@ -138,7 +142,11 @@ v1::SessionEvent SessionState::opening_event(const Catalog& catalog) {
   if (was_open_) {
     std::string rows;
     base_ = timeline->buffered_to();
-    const std::uint32_t num_rows = prior_rows(catalog, base_, rows);
+    v1::OpenSession rest = book.reopening(base_, 0, "", catalog.limits.max_prompts);
+    rest.clear_prior_frames();  // those of the first opening, in whose place come the rows
+    rest.set_model_id(opened.model_id);
+    rest.set_seed(opened.seed);
+    const std::uint32_t num_rows = prior_rows(catalog, base_, rest.ByteSizeLong(), rows);
     book.change_seeks([&](v1::Seek& seek) { say_as_rows(seek, catalog); });
     *event.mutable_open() = book.reopening(base_, num_rows, std::move(rows), catalog.limits.max_prompts);
     event.mutable_open()->set_model_id(opened.model_id);

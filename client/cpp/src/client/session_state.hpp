@@ -147,8 +147,10 @@ class SessionState {
   void shift_placements(std::vector<Placement>& placements) const;
   // Settle what is known of an edit's targets, now that it is answered. answer: OK if it was accepted.
   void settle_targets(const std::vector<std::uint32_t>& targets, const Status& answer);
-  // The rows before `end`, as many as a window sees. Returns how many; none if they are not held.
-  std::uint32_t prior_rows(const Catalog& catalog, std::uint64_t end, std::string& rows) const;
+  // The rows before `end`, as many as a window sees and as fit in an event beside rest_bytes of other contents. Returns
+  // how many; none if they are not held.
+  std::uint32_t prior_rows(const Catalog& catalog, std::uint64_t end, std::uint64_t rest_bytes,
+                           std::string& rows) const;
   void say_as_rows(v1::Seek& seek, const Catalog& catalog) const;
 
   static constexpr std::size_t kAnswersKept = 1024;

@@ -7,7 +7,7 @@ import pytest
 from motiongen.v1 import motion_pb2, session_pb2
 from motiongen_client import Session, SessionEnded, convert
 from tests.client.line import Line, answer, frames, open_anew, open_with_frames, opened, said_since_opened
-from tests.client.synthetic import HORIZON, catalog
+from tests.client.synthetic import HORIZON, ROW_WIDTH, catalog
 
 
 @pytest.fixture
@@ -115,3 +115,17 @@ async def test_reopened_session_is_resumed_in_the_frame_numbers_of_its_server(se
     point = line.said[-1].open.resume_point
     assert (point.next_frame, point.playhead, point.committed_to) == (HORIZON, 5, 9)
     assert (point.plan, point.answered_seq, point.attempt) == (1, 1, 1)
+
+
+async def test_history_and_the_rest_of_a_reopening_fit_into_one_message_of_any_limit(
+    session: Session, line: Line
+) -> None:
+    known = catalog(100)
+    known.models[0].default_history_frames, known.models[0].patch_frames = HORIZON, 1
+    for limit in range(3000, 3000 + 5 * ROW_WIDTH):  # more than a row's bytes
+        known.limits.max_request_bytes = limit
+        session.interrupt()
+        session.reattach(convert.catalog(known))
+        said = line.said[-1]
+        assert said.open.prior_frames.frame_count > 10
+        assert said.ByteSize() <= limit * 9 // 10, "the session would end"

@@ -27,6 +27,7 @@ from motiongen_client.types import Catalog, Opened, Priority, Reopened, SessionO
 from motiongen_client.wishes import Wishes
 
 _log = logging.getLogger(__name__)
+_AROUND_ROWS_BYTES = 64  # tags, lengths and numbers of the messages around rows
 
 
 class Line(enum.Enum):
@@ -152,7 +153,7 @@ class Reopening(Direction):
         else:
             patch = max(model.patch_frames, 1)
             asked = self._options.history_frames or model.default_history_frames
-            most_bytes = self._catalog.limits.max_request_bytes * 9 // 10 - rest_bytes
+            most_bytes = self._catalog.limits.max_request_bytes * 9 // 10 - rest_bytes - _AROUND_ROWS_BYTES
             most = max(most_bytes // (4 * self.rig.own_width), 1)
             wanted = min(max(min(asked, most) // patch, 1) * patch, most)  # limited by what fits in a message
         first = max(end_frame - wanted, self.playback.first_kept, self.playback.cut_before(end_frame) or 0)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import gc
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from queue import SimpleQueue
 
 import numpy as np
 import pytest
 
+from motiongen.v1 import session_pb2
 from motiongen_client import EventRefused, InvalidInput, ServerUnavailable, SessionEnded, StreamLost, Waypoint
 from motiongen_client import Session as Asynchronous
 from motiongen_client.blocking import MotionClient
@@ -79,6 +81,26 @@ def test_blocking_session_has_all_methods_that_applications_use() -> None:
     for_streams = {"abandon", "begin", "fail", "hear", "interrupt", "is_over", "is_reporting", "reattach", "report"}
     only_there = for_streams | {"glance", "is_same", "is_waiting", "move", "wait_for_room"}
     assert methods(Asynchronous) - methods(Blocking) == only_there
+
+
+def test_callbacks_are_called_on_the_background_thread(client: MotionClient, server: FakeServer) -> None:
+    session, told = client.open("a person walks"), SimpleQueue[tuple[str, object]]()
+
+    def keep(name: str) -> Callable[[object], None]:
+        return lambda news: told.put((threading.current_thread().name, getattr(news, name, news)))
+
+    session.on_service_level, session.on_constraint_reached = keep("tier"), keep("constraint_id")
+    session.on_durability, session.on_reopened = keep(""), keep("frame")
+    level = session_pb2.ServiceLevel(tier=session_pb2.SERVICE_TIER_HOLD, denoise_steps=1)
+    server.stream.push(1, service_level=level)
+    server.stream.push(1, constraint_reached=session_pb2.ConstraintReached(constraint_id=7))
+    server.stream.push(1, durability=session_pb2.SessionDurability(is_kept=True))
+    assert [told.get() for _ in range(3)] == [("motiongen-client", each) for each in ("hold", 7, True)]
+    server.stream.end()
+    heard = [told.get()[1] for _ in range(3)]
+    assert heard == [False, session.reopenings[0].frame, "full"]
+    session.on_service_level = None
+    assert session.on_service_level is None
 
 
 def test_stream_carries_several_sessions(client: MotionClient) -> None:

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from motiongen_client import edit, session
 from motiongen_client.background_loop import BackgroundLoop
+from motiongen_client.blocking_callback import BlockingCallback
 from motiongen_client.motion import Frame, Motion, Rig
 from motiongen_client.prompts import Prompt
 from motiongen_client.session import SessionStats
@@ -43,7 +44,7 @@ class Edit:
         async def work() -> Outcome:
             return await self._inner
 
-        return self._inner.outcome or self._loop.run(work())
+        return self.outcome or self._loop.run(work())
 
     @property
     def outcome(self) -> Outcome | None:
@@ -57,10 +58,15 @@ class Edit:
 
 
 class Session:
-    """One character. `motiongen_client.Session` has the same methods and describes them in full.
+    """One character. `motiongen_client.Session` has the same methods and callbacks, and describes them in full.
 
-    Once the client is closed, `motion` and `stats` still say what there was; other calls raise SessionEnded.
+    Callbacks run on the client's background thread, where calls of methods here raise MotiongenError.
     """
+
+    on_service_level = BlockingCallback[ServiceLevel]()
+    on_constraint_reached = BlockingCallback[ConstraintReached]()
+    on_durability = BlockingCallback[bool]()
+    on_reopened = BlockingCallback[Reopened]()
 
     def __init__(self, loop: BackgroundLoop, inner: session.Session) -> None:
         self._loop = loop
@@ -118,7 +124,7 @@ class Session:
 
     @property
     def stats(self) -> SessionStats:
-        """Counts and times so far."""
+        """Counts and times so far, also after the client was closed."""
         return self._loop.look(lambda: self._inner.stats)
 
     def set_prompt(

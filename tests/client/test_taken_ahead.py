@@ -75,3 +75,12 @@ async def test_edits_during_real_time_playback_send_no_extra_reports(
         await session.set_velocity(1, 0)
     assert len(await received(server, "set_velocity", 3)) == 3
     assert len(await received(server, "playhead")) == 1
+
+
+async def test_taking_the_last_frame_held_is_reported_without_waiting_for_the_next_report(
+    clock: ManualClock, client: MotionClient, server: FakeServer
+) -> None:
+    session = await opened(client)
+    await take(session, LOOKAHEAD)
+    (report,) = await received(server, "playhead")
+    assert report.playhead.frame == LOOKAHEAD - 1, "the clock stands still, so no regular report is due"

@@ -33,9 +33,11 @@ TINY = [
 
 
 def test_a_server_is_ready_when_started_and_gone_when_stopped() -> None:
-    with ServerProcess(TINY) as server:
+    with ServerProcess(TINY).start() as server:  # which starts no second one
         assert server.pid is not None
         assert server.ready_s > 0
+        started = server.pid
+        assert server.start().pid == started
         with MotionClient(server.address) as client:
             assert client.catalog.models
     assert server.pid is None

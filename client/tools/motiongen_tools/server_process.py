@@ -65,7 +65,12 @@ class ServerProcess:
         self.ready_s = 0.0
 
     def start(self) -> ServerProcess:
-        """Start the server and wait until it is ready. Raises ServerFailed with the tail of its log."""
+        """Start the server and wait until it is ready. Does nothing if it was started and not stopped since.
+
+        Raises ServerFailed with the tail of its log.
+        """
+        if self._process is not None:
+            return self
         started_s = time.monotonic()
         with tempfile.NamedTemporaryFile("w", prefix="motiongen-server-", suffix=".log", delete=False) as log:
             self._log_path = Path(log.name)

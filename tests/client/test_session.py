@@ -9,6 +9,7 @@ import pytest
 from motiongen.v1 import session_pb2
 from motiongen_client import (
     EventRefused,
+    InvalidInput,
     MotionClient,
     Priority,
     ServiceLevel,
@@ -192,3 +193,11 @@ async def test_late_reader_gets_every_frame_even_if_none_is_kept(clock: ManualCl
             break
         clock.advance(3 / session.rig.frame_rate_hz)
     assert shown == list(range(6))
+
+
+async def test_time_to_keep_that_no_frame_number_can_hold_is_refused_and_ends_no_stream(client: MotionClient) -> None:
+    session = await client.open("a person walks")
+    with pytest.raises(InvalidInput, match="keep_s"):
+        await client.open("a person walks", keep_s=1e308)
+    assert (await session.set_prompt("a person runs")).effective_frame is not None
+    assert session.reopenings == ()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import math
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
@@ -33,7 +32,7 @@ from motiongen_client.types import (
     check_type,
     check_whole,
 )
-from motiongen_client.types.checks import MOST_UINT32
+from motiongen_client.types.checks import MOST_FRAME, MOST_UINT32
 
 _log = logging.getLogger(__name__)
 _WARNINGS_REMEMBERED = 16
@@ -71,7 +70,7 @@ class Conversation(Recovery):
     ) -> None:
         """Open the session and wait for the answer. Raises the refusal, or why it can never be opened."""
         if keep_s is not None:  # checked here, as an error while the opening is heard would end the stream
-            check_number("keep_s", keep_s, "seconds of 0 or more, or None to keep all", lambda s: 0 <= s < math.inf)
+            check_number("keep_s", keep_s, "seconds of 0 or more, or None to keep all", lambda s: 0 <= s <= MOST_FRAME)
         check_type("later_prompts", later_prompts, Mapping, "a mapping of frames to prompts, such as {40: 'a text'}")
         constraints = as_tuple("constraints", constraints, "several constraints, such as [Waypoint(...)]")
         self._options, self._keep_s = options, keep_s

@@ -16,7 +16,8 @@ import pytest
 from motiongen.v1 import service_pb2, session_pb2
 from motiongen_client import LinePolicy, MotionClient, StreamLost
 from motiongen_client.backlog import Backlog, SendQueue
-from motiongen_client.call import Call
+from motiongen_client.call import CLOSE_GRACE_S, Call
+from tests.client.conftest import ManualClock
 from tests.client.fake_server import FakeServer
 from tests.client.synthetic import HORIZON, catalog
 from tests.client.waiting import received, until
@@ -96,6 +97,34 @@ async def test_streams_that_ended_for_good_leave_no_tasks_or_open_channels(
     assert {name for name in left if name.startswith("motiongen-")} == set()
     assert len(channels) == 6
     assert {each.get_state() for each in channels} == {grpc.ChannelConnectivity.SHUTDOWN}
+
+
+class Hanging(FakeServer):
+    """Says hello, reads what a client writes, and never ends a stream. read_to_end: how many clients have finished."""
+
+    read_to_end = 0
+
+    def StreamMotion(
+        self, request_iterator: Iterator[service_pb2.StreamMotionRequest], context: grpc.ServicerContext
+    ) -> Iterator[service_pb2.StreamMotionResponse]:
+        yield service_pb2.StreamMotionResponse(hello=service_pb2.ServerHello())
+        gone = threading.Event()
+        if context.add_callback(gone.set):
+            for _ in request_iterator:
+                pass
+            self.read_to_end += 1
+            gone.wait(LIMIT_S)
+
+
+async def test_streams_of_servers_that_hang_are_closed_together(clock: ManualClock) -> None:
+    with Hanging() as server:
+        client = await MotionClient(server.address).connect()
+        for _ in range(3):
+            await client.stream().start()
+        closing = asyncio.create_task(client.close())
+        await until(lambda: server.read_to_end == 3)
+        clock.advance(CLOSE_GRACE_S)
+        await closing
 
 
 async def test_opening_on_a_client_that_is_closed_raises_stream_lost(server: FakeServer) -> None:

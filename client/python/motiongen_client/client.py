@@ -242,8 +242,7 @@ class MotionClient:
         """End all streams and the connection. May be called again."""
         channel, self._channel = self._channel, None  # from here on, no new stream can be made
         await self._elsewhere.close()
-        for stream in self._streams:
-            await stream.close()
+        await asyncio.gather(*(stream.close() for stream in self._streams))  # each may wait for a server that hangs
         if self._starting is not None:
             await asyncio.gather(self._starting, return_exceptions=True)  # it fails at once, since its stream is closed
         self._streams.clear()

@@ -152,6 +152,27 @@ def test_replan_makes_no_joint_jump() -> None:
     assert (turned_rad(played) - turned_rad(WALK)[:49]).max() < 0.35
 
 
+@pytest.mark.parametrize("at", [27, 31])
+def test_replan_onto_another_height_in_mid_step_is_faded(at: int) -> None:
+    """Without it, a foot in the air would jump by 0.2 m, its joints by 0.4 and 1.1 rad, and at 27 the hips by 0.1 m."""
+    ledge: Heights = lambda x, z: np.where(x > 0.35, 0.2, 0.0)  # noqa: E731
+    ground, playback = Ground(RIG, ledge), Playback(FPS, RIG.row_width)
+    playback.announce_plan(1, 0)
+    playback.add_chunk(1, 0, WALK.rows[:60], 20)
+    follower = GroundFollower(ground, playback)
+    shown = [follower.frame(Frame(RIG, index, playback.row(index))).row for index in range(at)]
+    aside = WALK.rows[at : at + 40].copy()
+    aside[:, 0] += 0.06 * np.arange(1, 41)
+    playback.announce_plan(2, at)
+    playback.add_chunk(2, at, aside, at + 30)
+    shown += [follower.frame(Frame(RIG, index, playback.row(index))).row for index in range(at, at + 8)]
+    played = Motion(RIG, 0, np.stack(shown))
+    lifted_m = np.abs(np.diff(played.joint_positions_m()[:, :, 1], axis=0))[at - 1]
+    assert lifted_m.max() < 0.1
+    assert np.abs(np.diff(played.root_translation_m[:, 1]))[at - 1] < 0.05
+    assert turned_rad(played)[at - 1].max() < 0.25
+
+
 @pytest.mark.parametrize("name", ["up", "stairs up"])
 def test_poses_between_frames_stand_on_the_ground_and_do_not_jump(name: str) -> None:
     ground, playback = Ground(RIG, GROUNDS[name]), Playback(FPS, RIG.row_width)

@@ -193,21 +193,23 @@ def test_poses_between_frames_stand_on_the_ground_and_do_not_jump(name: str) -> 
     assert np.abs(moved).max() < np.abs(frames).max() * FPS / hertz * 1.5
 
 
-def test_ground_beyond_a_cut_does_not_affect_frames_before_it() -> None:
+@pytest.mark.parametrize("at", [30, 36])
+def test_ground_beyond_a_cut_does_not_affect_frames_before_it(at: int) -> None:
+    """At 36 the cut is known when the frames before it are computed, eight at once."""
     high: Heights = lambda x, z: np.where(x > 5, 10.0, 0.0)  # noqa: E731
     ground, playback = Ground(RIG, high), Playback(FPS, RIG.row_width)
     playback.announce_plan(1, 0)
-    playback.add_chunk(1, 0, WALK.rows[:40], 30)
-    elsewhere = WALK.rows[30:70].copy()
+    playback.add_chunk(1, 0, WALK.rows[:40], at)
+    elsewhere = WALK.rows[at : at + 40].copy()
     elsewhere[:, 0] += 10
     follower = GroundFollower(ground, playback)
     shown = [follower.frame(Frame(RIG, index, playback.row(index))).row for index in range(25)]
-    playback.announce_plan(2, 30, is_cut=True)
-    playback.add_chunk(2, 30, elsewhere, 60)
-    shown += [follower.frame(Frame(RIG, index, playback.row(index))).row for index in range(25, 60)]
-    up = np.stack(shown)[:, 1] - np.concatenate([WALK.rows[:30], elsewhere[:30]])[:, 1]
-    assert np.abs(up[:30]).max() < 0.002
-    assert np.abs(up[30:] - 10).max() < 0.002
+    playback.announce_plan(2, at, is_cut=True)
+    playback.add_chunk(2, at, elsewhere, at + 30)
+    shown += [follower.frame(Frame(RIG, index, playback.row(index))).row for index in range(25, at + 30)]
+    up = np.stack(shown)[:, 1] - np.concatenate([WALK.rows[:at], elsewhere[:30]])[:, 1]
+    assert np.abs(up[:at]).max() < 0.002
+    assert np.abs(up[at:] - 10).max() < 0.002
 
 
 def test_leg_too_short_points_at_its_goal_and_straight_leg_bends_forward() -> None:

@@ -13,6 +13,7 @@ import pytest
 
 from motiongen.v1 import session_pb2
 from motiongen_client import EventRefused, InvalidInput, ServerUnavailable, SessionEnded, StreamLost, Waypoint
+from motiongen_client import MotionClient as AsynchronousClient
 from motiongen_client import Session as Asynchronous
 from motiongen_client.blocking import MotionClient
 from motiongen_client.blocking_session import Session as Blocking
@@ -70,7 +71,9 @@ def test_threads_that_connect_one_client_at_once_share_its_connection(server: Fa
         opened = [threads.submit(open_one) for _ in range(8)]
         assert len({each.result() for each in opened}) == 8
     assert sum(thread.name == "motiongen-client" for thread in threading.enumerate()) == 1
+    assert client.is_connected
     client.close()
+    assert not client.is_connected
     assert len(server.streams) == 1
 
 
@@ -81,6 +84,7 @@ def test_blocking_session_has_all_methods_that_applications_use() -> None:
     for_streams = {"abandon", "begin", "fail", "hear", "interrupt", "is_over", "is_reporting", "reattach", "report"}
     only_there = for_streams | {"glance", "is_same", "is_waiting", "move", "wait_for_room"}
     assert methods(Asynchronous) - methods(Blocking) == only_there
+    assert methods(AsynchronousClient) - methods(MotionClient) == set()
 
 
 def test_callbacks_are_called_on_the_background_thread(client: MotionClient, server: FakeServer) -> None:

@@ -96,6 +96,11 @@ class MotionClient:
         """What the server offers."""
         return self._inner.catalog
 
+    @property
+    def is_connected(self) -> bool:
+        """Whether the stream that `open` uses is connected to the server at present."""
+        return self._inner.is_connected
+
     def connect(self) -> MotionClient:
         """Connect and fetch the catalogue, unless that has been done. `with` calls it. Raises ServerUnavailable."""
         with self._connecting:  # by one thread; the others wait for it

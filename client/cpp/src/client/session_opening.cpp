@@ -259,10 +259,9 @@ Status SessionState::begin(const Rig& of, std::uint64_t start_frame, const Catal
   made.start_frame = start_frame;
   made.keep_frames = options.keep_frames;
   const Model* model = convert::find_model(catalog, opened.model_id);
-  if (start_frame > kLastFrame || opened.lookahead_frames > kMostLookahead) {
-    return violation("a session was opened at frame " + std::to_string(start_frame) + " with a lookahead of " +
-                     std::to_string(opened.lookahead_frames) + "; at most " + std::to_string(kLastFrame) + " and " +
-                     std::to_string(kMostLookahead) + " can be");
+  if (opened.lookahead_frames > kMostLookahead) {
+    return violation("a session was opened with a lookahead of " + std::to_string(opened.lookahead_frames) +
+                     " frames; at most " + std::to_string(kMostLookahead) + " can be");
   }
   const std::uint32_t horizon = model != nullptr ? std::min(model->horizon_frames, kMostLookahead) : 0;
   made.reserve_frames = 2 * opened.lookahead_frames + horizon;

@@ -13,6 +13,18 @@ constexpr double kRetryS = 1.0;  // after a refusal without a retry time
 
 Status closed_here() { return {Code::cancelled, "CLIENT", "the session was closed here"}; }
 
+// The highest frame in an update.
+std::uint64_t highest_frame(const v1::SessionUpdate& update) {
+  std::uint64_t highest = std::max(
+      {update.opened().start_frame(), update.outcome().effective_frame(), update.constraint_reached().frame()});
+  for (const auto* placements : {&update.opened().placements(), &update.outcome().placements()}) {
+    for (const v1::ConstraintPlacement& each : *placements) {
+      highest = std::max({highest, each.first_frame(), each.last_frame(), each.arrival_frame(), each.anchor_frame()});
+    }
+  }
+  return highest;
+}
+
 }  // namespace
 
 // ---- to the server
@@ -90,6 +102,12 @@ void SessionState::take_chunk(const wire::Chunk& chunk, EventQueue& events, Outb
 void SessionState::take(const v1::SessionUpdate& update, const Catalog& catalog, double now_s, EventQueue& events,
                         Outbox& outbox) {
   if (phase == Phase::closed || phase == Phase::waiting) return;
+  const std::uint64_t frame = highest_frame(update);
+  if (frame > kLastFrame) {
+    return break_off(violation("frame " + std::to_string(frame) + " is out of range; frames are numbered up to " +
+                               std::to_string(kLastFrame)),
+                     events, outbox);
+  }
   last_seq = std::max<std::uint64_t>(last_seq, update.applied_seq());
   if (update.has_opened()) {
     take_opened(update.opened(), catalog, events, outbox);

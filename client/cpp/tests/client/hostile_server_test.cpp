@@ -3,6 +3,7 @@
 
 #include <cmath>
 #include <limits>
+#include <optional>
 
 #include "client/clip_sample.hpp"
 #include "client/convert.hpp"
@@ -37,6 +38,51 @@ TEST(HostileServer, SessionWithATooLargeStartFrameOrLookAheadIsClosed) {
     EXPECT_EQ(stage.state.ended.reason(), fits ? "" : "PROTOCOL_VIOLATION");
     EXPECT_EQ(stage.num_closed(), fits ? 0 : 1) << "the application gets a closed event";
   }
+}
+
+// An update with a frame of that number at one of the places where updates have frames; none behind the last place.
+std::optional<v1::SessionUpdate> with_frame(int place, std::uint64_t frame) {
+  v1::SessionUpdate update;
+  if (place == 0) {
+    update.mutable_constraint_reached()->set_frame(frame);
+    return update;
+  }
+  update.mutable_outcome()->set_event_seq(2);
+  if (place == 1) {
+    update.mutable_outcome()->set_effective_frame(frame);
+    return update;
+  }
+  auto* placement = update.mutable_outcome()->add_placements();
+  if (place == 2) placement->set_first_frame(frame);
+  if (place == 3) placement->set_last_frame(frame);
+  if (place == 4) placement->set_arrival_frame(frame);
+  if (place == 5) placement->set_anchor_frame(frame);
+  return place < 6 ? std::optional<v1::SessionUpdate>(update) : std::nullopt;
+}
+
+TEST(HostileServer, FrameOutOfRangeClosesTheSession) {
+  for (int place = 0; with_frame(place, 0); ++place) {
+    for (const std::uint64_t frame : {kLastFrame, kLastFrame + 1, kHuge}) {
+      Stage stage;
+      const std::lock_guard<std::mutex> lock(stage.state.mutex);
+      stage.open();
+      stage.hear_opened();
+      stage.hear(*with_frame(place, frame));
+      EXPECT_EQ(stage.state.phase, frame == kLastFrame ? Phase::open : Phase::closed) << place << " " << frame;
+      EXPECT_EQ(stage.state.ended.reason(), frame == kLastFrame ? "" : "PROTOCOL_VIOLATION");
+      EXPECT_EQ(stage.num_closed(), frame == kLastFrame ? 0 : 1) << "the application gets a closed event";
+    }
+  }
+}
+
+TEST(HostileServer, PlacementOutOfRangeInAnOpenedMessageClosesTheSession) {
+  Stage stage;
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  stage.open();
+  v1::SessionUpdate update = opened_at(0, 80);
+  update.mutable_opened()->add_placements()->set_anchor_frame(kHuge);
+  stage.hear(update);
+  EXPECT_EQ(stage.state.ended.reason(), "PROTOCOL_VIOLATION");
 }
 
 TEST(HostileServer, SecondOpenedMessageClosesTheSession) {

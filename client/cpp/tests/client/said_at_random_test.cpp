@@ -25,6 +25,8 @@ constexpr std::uint64_t kNumbers[] = {0,
                                       1ULL << 63,
                                       ~0ULL - 1,
                                       ~0ULL};
+constexpr std::uint32_t kNumInRange = 12;  // of these, as frames; a greater one ends the session
+static_assert(kNumbers[kNumInRange - 1] == kLastFrame);
 
 class Talk {
  public:
@@ -69,6 +71,7 @@ class Talk {
 
   std::uint32_t below(std::uint32_t end) { return static_cast<std::uint32_t>(random_() % end); }
   std::uint64_t number() { return kNumbers[below(std::size(kNumbers))]; }
+  std::uint64_t frame() { return below(60) == 0 ? number() : kNumbers[below(kNumInRange)]; }
   std::uint32_t small() { return static_cast<std::uint32_t>(number()); }
   // Mostly what a correct server would send.
   std::uint64_t near(std::uint64_t honest) { return below(60) == 0 ? number() : honest; }
@@ -120,7 +123,7 @@ class Talk {
     auto* outcome = update.mutable_outcome();
     outcome->set_event_seq(1 + below(6));
     if (below(3) == 0) outcome->set_code(static_cast<int>(below(20)));
-    if (below(2) == 0) outcome->set_effective_frame(number());
+    if (below(2) == 0) outcome->set_effective_frame(frame());
     if (below(4) == 0) outcome->mutable_retry_after()->set_seconds(static_cast<std::int64_t>(number()));
     place(outcome->add_placements());
     stage_.hear(update);
@@ -134,7 +137,7 @@ class Talk {
     switch (below(timeline() != nullptr ? 4 : 3)) {
       case 0:
         update.mutable_constraint_reached()->set_constraint_id(small());
-        update.mutable_constraint_reached()->set_frame(number());
+        update.mutable_constraint_reached()->set_frame(frame());
         break;
       case 1:
         update.mutable_service_level()->set_tier(static_cast<v1::ServiceTier>(below(9)));
@@ -151,9 +154,9 @@ class Talk {
 
   void place(v1::ConstraintPlacement* placement) {
     placement->set_constraint_id(1 + below(4));
-    placement->set_first_frame(number());
-    placement->set_last_frame(number());
-    placement->set_anchor_frame(number());
+    placement->set_first_frame(frame());
+    placement->set_last_frame(frame());
+    placement->set_anchor_frame(frame());
     placement->set_anchor_x(below(4) == 0 ? HUGE_VALF : 1);
     placement->set_anchor_heading(below(4) == 0 ? NAN : 1);
   }

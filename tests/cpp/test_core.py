@@ -24,8 +24,9 @@ def test_unit_tests_of_the_core_pass(program: Callable[[str], Path], tmp_path: P
 class PythonTimeline:
     """The Python client's playback, which takes the same lines as `timeline_trace`, and answers in the same form."""
 
-    def __init__(self, keep: int) -> None:
-        self.playback = Playback(RATE, WIDTH, keep_frames=None if keep < 0 else keep)
+    def __init__(self, new: str) -> None:
+        start, keep = map(int, new.split()[-2:])
+        self.playback = Playback(RATE, WIDTH, start_frame=start, keep_frames=None if keep < 0 else keep)
 
     def call(self, line: str) -> str:
         name, *numbers = line.split()
@@ -53,6 +54,10 @@ class PythonTimeline:
                     playback.pause()
                 case "resume":
                     playback.resume()
+                case "scale":
+                    playback.set_time_scale(float(numbers[0]))
+                case "anew":
+                    playback.restart(playback.buffered_to)
         except (InvalidInput, ProtocolViolation):
             return "-"
         return "ok"
@@ -64,7 +69,8 @@ class PythonTimeline:
         newest_cut = playback.cut_before(playback.buffered_to + 1) or 0
         return (
             f"{playback.playhead} {playback.buffered_to} {playback.first_kept} {playback.committed_to} "
-            f"{playback.underruns} {playback.late_plans} {total:.0f} {newest_cut}"
+            f"{playback.underruns} {playback.late_plans} {total:.0f} {newest_cut} "
+            f"{playback.received_to} {playback.plan}"
         )
 
 
@@ -73,36 +79,42 @@ def shown(reached: range) -> str:
 
 
 def draw_trace(seed: int) -> list[str]:
-    """A session in which much goes wrong: late plans, gaps, holds, pauses, jumps, and messages that break the rules."""
+    """A session in which much goes wrong: late plans, gaps, holds, pauses, losses, messages that break the rules."""
     draw = random.Random(seed)
-    keep = draw.choice([-1, 0, 3, 30])
-    lines, now_s, plan, received, committed = [f"new {RATE} {WIDTH} 0 {keep}"], 0.0, 0, 0, 0
+    lines = [f"new {RATE} {WIDTH} {draw.choice([0, 0, 1000])} {draw.choice([-1, 0, 3, 30])}"]
+    played, now_s = PythonTimeline(lines[0]), 0.0
+
+    def say(line: str) -> None:
+        lines.append(line)
+        played.call(line)
+
+    often = {"plan": 2.0, "chunk": 6.0, "advance": 12.0, "resume": 2.0}
+    calls = often | dict.fromkeys(("to", "pause", "break", "scale"), 1.0) | {"anew": 0.3}
     for _ in range(200):
-        match draw.choices(("plan", "chunk", "advance", "to", "pause", "resume", "break"), (2, 6, 12, 1, 1, 2, 1))[0]:
+        playback = played.playback
+        plan, received, committed = playback.plan, playback.received_to, playback.committed_to
+        match draw.choices(list(calls), list(calls.values()))[0]:
             case "plan":
                 valid_from = draw.randint(committed, max(received, committed)) if draw.random() < 0.8 else received + 2
-                plan += 1
-                is_cut = draw.random() < 0.2
-                lines.append(f"plan {plan} {valid_from} {int(is_cut)}")
-                received = min(received, valid_from)
+                say(f"plan {plan + 1} {valid_from} {int(draw.random() < 0.2)}")
                 if draw.random() < 0.2:  # known from its outcome, after a loss
-                    lines.append(f"cut {valid_from + draw.randint(0, 3)}")
+                    say(f"cut {valid_from + draw.randint(0, 3)}")
             case "chunk":
-                count = draw.randint(1, 12)
-                committed = draw.randint(committed, max(received, committed))
-                lines.append(f"chunk {plan} {received} {count} {committed}")
-                received += count if plan else 0
+                promised = draw.randint(committed, max(received, committed)) if draw.random() < 0.3 else committed
+                say(f"chunk {plan} {received} {draw.randint(1, 12)} {promised}")
             case "advance":
                 now_s += draw.choice([0.0, 1 / 60, 0.05, 0.05, 0.1, 0.35])
-                lines.append(f"advance {now_s!r}")
+                say(f"advance {now_s!r}")
             case "to":
-                lines.append(f"to {draw.randint(0, received + 2)}")
+                say(f"to {draw.randint(max(playback.playhead - 2, 0), playback.buffered_to + 1)}")
+            case "scale":
+                say(f"scale {draw.choice([0.5, 1, 1, 2, 0, -1])}")
             case "break":
                 broken = [f"plan {max(plan, 1)} {received} 0", f"chunk {plan} {received + 1} 2 {committed}"]
                 broken += [f"chunk {plan + 1} {received} 2 {committed}", f"chunk {plan} {received} 0 {committed}"]
-                lines.append(draw.choice(broken))
+                say(draw.choice(broken))
             case other:
-                lines.append(other)
+                say(other)
     return lines
 
 
@@ -116,7 +128,7 @@ def trace(program: Callable[[str], Path], lines: list[str]) -> list[str]:
 @pytest.mark.parametrize("seed", range(40))
 def test_playback_equals_the_python_clients(program: Callable[[str], Path], seed: int) -> None:
     lines = draw_trace(seed)
-    python = PythonTimeline(int(lines[0].split()[-1]))
+    python = PythonTimeline(lines[0])
     told = trace(program, lines)
     assert len(told) == len(lines)
     for number, (line, answer) in enumerate(zip(lines[1:], told[1:], strict=True), 1):
@@ -130,6 +142,8 @@ def test_playback_traces_contain_refusals_underruns_and_late_plans(program: Call
     assert max(int(answer[5]) for answer in answers) > 10, "underruns"
     assert max(int(answer[6]) for answer in answers) > 3, "late plans"
     lines = [line for seed in range(40) for line in draw_trace(seed)]
+    for name in ("scale", "anew"):
+        assert sum(line.startswith(name) for line in lines) > 20
     asked_at = [line.split()[1] for line in lines if line.startswith("cut")]
     told_at = [answer[0] for line, answer in zip(lines, answers, strict=True) if line.startswith("cut")]
     assert sum(told != asked for told, asked in zip(told_at, asked_at, strict=True)) > 5, "cuts that were passed"

@@ -1,9 +1,9 @@
 // Plays a trace of calls on a timeline, one call for each line of input, and prints the result of each:
 //   new RATE WIDTH START KEEP | plan NUMBER VALID_FROM IS_CUT | chunk PLAN FIRST COUNT COMMITTED | advance NOW_S
-//   cut FRAME | to FRAME | pause | resume
+//   cut FRAME | to FRAME | pause | resume | scale FACTOR | anew (a new session continues this one)
 // KEEP -1 keeps all. The numbers of a row are plan * 1000 + frame. After each call: its answer ("-" a refusal), then
-// playhead, buffered_to, first_kept, committed_to, underruns, late_plans, the sum of the first numbers held, and the
-// newest cut among the frames held and the next one, or 0.
+// playhead, buffered_to, first_kept, committed_to, underruns, late_plans, the sum of the first numbers held, the newest
+// cut among the frames held and the next one, or 0, received_to and plan.
 #include <cstdio>
 #include <iostream>
 #include <optional>
@@ -68,6 +68,12 @@ std::string call(const std::string& name, std::istream& in, std::optional<Timeli
     auto reached = timeline->advance_to(frame);
     return reached ? shown(*reached) : "-";
   }
+  if (name == "scale") {
+    double scale = 0;
+    in >> scale;
+    return timeline->set_time_scale(scale) ? "ok" : "-";
+  }
+  if (name == "anew") timeline->continue_with_new_plans();
   if (name == "pause") timeline->pause();
   if (name == "resume") timeline->resume();
   return "ok";
@@ -88,11 +94,12 @@ int main() {
       sum += static_cast<double>(timeline->row(frame).value()[0]);
     }
     std::printf(
-        "%s %llu %llu %llu %llu %u %u %.0f %llu\n", answer.c_str(),
+        "%s %llu %llu %llu %llu %u %u %.0f %llu %llu %u\n", answer.c_str(),
         static_cast<unsigned long long>(timeline->playhead()), static_cast<unsigned long long>(timeline->buffered_to()),
         static_cast<unsigned long long>(timeline->first_kept()),
         static_cast<unsigned long long>(timeline->committed_to()), timeline->underruns(), timeline->late_plans(), sum,
-        static_cast<unsigned long long>(timeline->cut_before(timeline->buffered_to() + 1).value_or(0)));
+        static_cast<unsigned long long>(timeline->cut_before(timeline->buffered_to() + 1).value_or(0)),
+        static_cast<unsigned long long>(timeline->received_to()), timeline->plan());
   }
   return 0;
 }

@@ -18,6 +18,8 @@ MESSAGE_COST = 1.0
 EVENT_COST = 1.0
 REFUSAL_COST = 9.0
 """Added for a refused event: its answer costs the server several times as much as taking the event does."""
+RESUME_COST = 9.0
+"""Added for a resume: a look-ahead of frames, which is sent again, costs as much as many other answers."""
 CONSTRAINT_COST = 3.0
 """Added for each constraint that is set: converting it here and placing it in an engine takes as long as this many
 other events."""

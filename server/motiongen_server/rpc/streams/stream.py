@@ -21,7 +21,7 @@ from motiongen_server.errors import EventRefused, StreamRefused
 from motiongen_server.identity.caller import ANYBODY
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.rpc.budgets.peer import Peer
-from motiongen_server.rpc.budgets.stream_budget import CONSTRAINT_COST, FREE, PATH_COST, REFUSAL_COST
+from motiongen_server.rpc.budgets.stream_budget import CONSTRAINT_COST, FREE, PATH_COST, REFUSAL_COST, RESUME_COST
 from motiongen_server.rpc.budgets.token_bucket import TokenBucket
 from motiongen_server.rpc.convert import check_resume, constraints_in, num_paths, playhead_of
 from motiongen_server.rpc.errors.events import (
@@ -142,8 +142,7 @@ class Stream(StreamTakeOvers):
         report = event.playhead
         if report.answered_seq:
             entry.confirm(report.answered_seq)
-        if entry.reached:
-            entry.note_shown(report.frame)
+        entry.note_shown(report.frame)
         if entry.known_to_engine and not entry.closing:
             entry.model.engine.submit(playhead_of(report, entry.key, now, self.rtt_s))
 
@@ -196,6 +195,7 @@ class Stream(StreamTakeOvers):
         if point.attempt <= entry.attempt:
             raise resume_superseded(point.attempt, entry.attempt)
         self._take_token(entry, now)
+        self.budget.charge(RESUME_COST, now)
         if isinstance(entry.carrier, Stream):
             entry.carrier._give_away(entry)
         self._kept.move(entry, self, event.session)

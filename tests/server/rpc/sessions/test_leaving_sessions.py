@@ -7,7 +7,7 @@ import asyncio
 import pytest
 
 from motiongen.v1 import session_pb2
-from motiongen_server.engine.types import Closed, CloseReason, Code, Durable, Event, Open, Outcome, SessionKey
+from motiongen_server.engine.types import Close, Closed, CloseReason, Code, Durable, Event, Open, Outcome, SessionKey
 from motiongen_server.engine.types.refusals import session_closed
 from motiongen_server.rpc.sessions.durability import Durability
 from motiongen_server.rpc.sessions.entry import SessionEntry
@@ -145,3 +145,13 @@ async def test_events_sent_to_an_engine_lost_unnoticed_stay_unanswered(line: Lin
     (kept.carrier_of(KEY) or line.stream).take(LOST)
     assert answered(line) == []
     assert (entry.closed, entry.applied_seq, len(entry.answers)) == (LOST, 1, 0)
+
+
+async def test_session_that_is_closed_with_its_stream_frees_its_place_before_the_engine_has_ended_it() -> None:
+    """Its client may be back at once, and its quota must have room for the next session."""
+    line = Line(kept=KeptSessions(0.0))
+    line.open()
+    assert line.stream.peer.num_sessions == 1
+    line.stream.lose()
+    assert line.engine.kinds() == [Open, Close]
+    assert line.stream.peer.num_sessions == 0

@@ -9,6 +9,7 @@ import importlib.util
 import math
 import os
 import secrets
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -155,6 +156,9 @@ async def bench(options: argparse.Namespace) -> int:
             console.print(terminal.describe_found(found), soft_wrap=True)
         for path in write_report(options.out, standard, result, found):
             console.print(f"wrote {path}", soft_wrap=True)
+    if found is not None and found.failure:
+        print(f"error: {found.failure}", file=sys.stderr)
+        return 1
     if found is not None:
         return VOID if found.limited_by_generator else 0
     return VOID if result is None or result.void_reasons() else 0

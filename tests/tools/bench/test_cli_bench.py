@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from motiongen_client.errors import ServerUnavailable
 from motiongen_tools import cli_bench
 from motiongen_tools.bench.load import Load
 from motiongen_tools.bench.result import Result
@@ -124,6 +125,28 @@ def test_what_was_measured_is_reported_although_the_server_died(
     assert "Not served in full: 50.00% of frames were missed" in printed.out
     assert "error: the server ended with exit code -9, not 0" in printed.err
     assert (tmp_path / "result.json").is_file()
+
+
+def test_a_search_whose_server_is_gone_reports_the_trials_so_far(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    async def run_load(load: Load, *_: object) -> Result:
+        if load.characters > most:
+            raise ServerUnavailable("localhost:1", "it is gone")
+        return make_result(characters=load.characters)
+
+    monkeypatch.setattr(cli_bench, "run_load", run_load)
+    most = 20
+    assert run(["bench", "--find", "--characters", "8", "--out", str(tmp_path)]) == 1
+    printed = capsys.readouterr()
+    assert "16 characters are served in full, as far as was found out before a run failed; that was" in printed.out
+    assert printed.err.startswith("error: no motiongen server answers at localhost:1: it is gone")
+    written = json.loads((tmp_path / "result.json").read_text())["search"]
+    assert [trial["characters"] for trial in written["trials"]] == [8, 16]
+    assert "it is gone" in written["failure"]
+    most = 0
+    assert run(["bench", "--find", "--characters", "8", "--out", str(tmp_path / "none")]) == 1
+    assert not (tmp_path / "none").exists()
 
 
 def test_numbers_of_steps_that_the_model_cannot_do_are_refused(

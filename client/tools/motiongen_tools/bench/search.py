@@ -7,6 +7,7 @@ import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, replace
 
+from motiongen_client.errors import MotiongenError
 from motiongen_tools.bench.bracket import Bracket
 from motiongen_tools.bench.load import Load
 from motiongen_tools.bench.recorder import EVENT
@@ -36,7 +37,8 @@ class Found:
     """The result of a search. result: the confirming run of `characters`; None if not even one was served.
 
     limited_by_generator: the run with more was void, so the server may be able to serve more. out_of_time: the time
-    ended before the search was as precise as usual, or before its answer was confirmed.
+    ended before the search was as precise as usual, or before its answer was confirmed. failure: why a run after the
+    first could not be made, such as a server that is gone; "" if all could.
     """
 
     characters: int
@@ -44,6 +46,7 @@ class Found:
     trials: tuple[Trial, ...]
     limited_by_generator: bool
     out_of_time: bool = False
+    failure: str = ""
 
 
 async def find_most(
@@ -59,7 +62,8 @@ async def find_most(
     """Start with load.characters. Trials measure for trial_seconds, the confirming run for load.seconds.
 
     note: called after each trial. rest: lets the server recover from a trial that overloaded it. within_s: no trial
-    starts that would not leave enough of this time, on the clock, for the confirming run.
+    starts that would not leave enough of this time, on the clock, for the confirming run. Raises what the first run
+    raises; the failure of a later one ends the search.
     """
     bracket = Bracket(load.characters)
     trials: list[Trial] = []
@@ -84,21 +88,26 @@ async def find_most(
         return result
 
     confirmed: Result | None = None
-    out_of_time = False
-    while confirmed is None:
-        while (characters := bracket.next()) is not None:
-            out_of_time = bool(trials) and not is_time_for(trial_seconds, load.seconds)
-            if out_of_time:
+    out_of_time, failure = False, ""
+    try:
+        while confirmed is None:
+            while (characters := bracket.next()) is not None:
+                out_of_time = bool(trials) and not is_time_for(trial_seconds, load.seconds)
+                if out_of_time:
+                    break
+                await attempt(characters, trial_seconds)
+            if bracket.most == 0 or (out_of_time and not is_time_for(load.seconds)):
                 break
-            await attempt(characters, trial_seconds)
-        if bracket.most == 0 or (out_of_time and not is_time_for(load.seconds)):
-            break
-        result = await attempt(bracket.most, load.seconds)
-        if trials[-1].passed:
-            confirmed = result
+            result = await attempt(bracket.most, load.seconds)
+            if trials[-1].passed:
+                confirmed = result
+    except MotiongenError as error:
+        if not trials:
+            raise
+        failure = str(error)  # the trials so far may have taken hours
     last = {trial.characters: trial for trial in trials}
     limited = bracket.too_many in last and bool(last[bracket.too_many].void)
-    return Found(bracket.most, confirmed, tuple(trials), limited, out_of_time)
+    return Found(bracket.most, confirmed, tuple(trials), limited, out_of_time, failure)
 
 
 def judge(result: Result) -> Trial:

@@ -95,6 +95,8 @@ def describe_trial(trial: Trial) -> str:
 def describe_found(found: Found) -> str:
     """The result of a search in words."""
     sure = "" if found.result is not None or found.characters == 0 else "; that was not confirmed"
+    if found.failure:
+        return f"{found.characters} characters are served in full, as far as was found out before a run failed{sure}."
     if found.limited_by_generator:
         return (
             f"At least {found.characters} characters are served in full{sure}; with more the run is void, because the "

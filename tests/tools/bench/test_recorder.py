@@ -61,3 +61,13 @@ def test_amounts_over_a_span_add_up(one_s: float, other_s: float) -> None:
     recorder.add("due", "crowd", 11.0)
     recorder.add("due", "crowd", -1.0)
     assert recorder.total("due", 0, 10) == pytest.approx(20 * max(min(to_s, 10) - from_s, 0), abs=1e-6)
+
+
+def test_what_lies_before_or_after_the_run_is_not_counted() -> None:
+    recorder = Recorder(("crowd",), 3)
+    for at_s in (-1.0, 0.0, 2.9, 3.0):
+        recorder.add("edits", "crowd", at_s)
+    assert list(recorder.by_second("edits")) == [1, 0, 1]
+    recorder.add_span("due", "crowd", -2.0, 1.5, 20)
+    recorder.add_span("due", "crowd", 2.5, 9.0, 20)
+    assert list(recorder.by_second("due")) == [20, 10, 10]

@@ -9,6 +9,24 @@
 set -eu
 identity=${IDENTITY:-python -m motiongen_server.identity}
 names=${NAMES:-DNS:localhost,IP:127.0.0.1}
+usage() {
+    echo "usage: $0 [FOLDER]"
+    sed -n '2,/^set -eu/s/^# \{0,1\}//p' "$0"
+}
+case ${1-} in
+-h | --help)
+    usage
+    exit 0
+    ;;
+-*)
+    usage >&2
+    exit 2
+    ;;
+esac
+if [ $# -gt 1 ]; then
+    usage >&2
+    exit 2
+fi
 folder=${1:-$(dirname "$0")/secrets}
 if [ -e "$folder" ]; then
     echo "$folder exists already; remove it to create new secrets" >&2

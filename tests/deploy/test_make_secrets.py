@@ -82,3 +82,19 @@ def test_relative_token_program_that_prints_warnings_is_used(to: list[str], tmp_
         "servers": ["text"],
     }
     assert (folder / "player.token").read_text() == "token-of-player\n"
+
+
+@pytest.mark.parametrize(("given", "code"), [(["--help"], 0), (["-x"], 2), (["one", "two"], 2)])
+def test_how_to_use_it_is_told_and_no_folder_is_named_after_an_option(
+    given: list[str], code: int, tmp_path: Path
+) -> None:
+    identity = program(tmp_path / "identity", SAYS_MORE)
+    made = subprocess.run(
+        ["sh", str(ROOT / "deploy" / "make_secrets.sh"), *given],
+        cwd=tmp_path, env={**os.environ, "IDENTITY": str(identity)}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert made.returncode == code
+    said = made.stderr if code else made.stdout
+    assert "make_secrets.sh [FOLDER]\nCreate the secrets that deploy/compose.yaml needs" in said
+    assert "set -eu" not in said
+    assert list(tmp_path.iterdir()) == [identity]

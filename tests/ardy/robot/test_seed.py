@@ -55,6 +55,28 @@ def test_too_few_rows_are_refused(g1: Model) -> None:
             history_from_qpos(g1.representation, walking_qpos(30, 25), 25, max_frames=max_frames)
 
 
+@pytest.mark.parametrize(
+    ("row", "column", "value", "message"),
+    [(151, 9, float("nan"), "row 151 holds NaN"), (7, 3, 1.5, "quaternion in row 7 of qpos has length 1.5")],
+)
+def test_invalid_state_is_refused_with_the_row_that_was_measured(
+    g1: Model, row: int, column: int, value: float, message: str
+) -> None:
+    qpos = walking_qpos(203, 500)
+    qpos[row, column] = value
+    with pytest.raises(RobotError, match=message):
+        history_from_qpos(g1.representation, qpos, 500)
+
+
+def test_a_robot_that_reports_either_sign_of_its_quaternion_is_continued_alike(g1: Model) -> None:
+    layout = g1.representation
+    qpos = walking_qpos(203, 500)
+    flipped = qpos.clone()
+    flipped[::3, 3:7] *= -1
+    history = history_from_qpos(layout, qpos, 500)
+    torch.testing.assert_close(history_from_qpos(layout, flipped, 500), history, atol=1e-5, rtol=0)
+
+
 def test_a_model_of_another_skeleton_is_refused() -> None:
     people = load_checkpoint(GOLDEN / "tiny-core27" / "checkpoint")
     with pytest.raises(RobotError, match="skeleton is core27"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import re
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from hypothesis import strategies as st
 from motiongen_client.errors import UnknownName
 from motiongen_client.types import Priority
 from motiongen_tools.bench.scenario import BUILT_IN, Group, InvalidScenario, Scenario, load_scenario, read_scenario
+from motiongen_tools.bench.schedule import make_schedule
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -101,6 +103,15 @@ def test_invalid_fields_of_a_group_are_reported_with_their_place(change: dict[st
 def test_content_that_is_not_a_scenario_is_refused(content: bytes) -> None:
     with pytest.raises(InvalidScenario):
         read_scenario(content, "small.yaml")
+
+
+def test_lives_of_one_length_can_be_drawn_whichever_sign_their_zero_has() -> None:
+    whole = document()
+    whole["groups"][0]["life"] = {"median_s": 3, "sigma": -0.0}
+    plans = make_schedule(read(whole), 4, 10, seed=1).characters
+    lives_s = [plan.close_s - plan.open_s for plan in plans[4:] if math.isfinite(plan.close_s)]
+    assert lives_s == pytest.approx([3] * len(lives_s))
+    assert lives_s
 
 
 def test_the_example_in_the_documentation_is_valid() -> None:

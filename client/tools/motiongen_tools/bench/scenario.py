@@ -282,7 +282,7 @@ def _number(least: float, most: float) -> Callable[[object], float]:
     def convert(value: object) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
             raise _NotAllowed(f"a number from {least:g} to {most:g}")
-        return float(value)
+        return float(value) + 0.0  # minus zero becomes zero: a standard deviation has no sign
 
     return convert
 

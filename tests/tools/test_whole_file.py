@@ -34,7 +34,7 @@ def test_a_full_disk_leaves_the_old_file(
 ) -> None:  # fmt: skip
     (tmp_path / name).write_text("of yesterday")
     monkeypatch.setattr(np, last, fail)
-    with pytest.raises(OSError, match="No space left"):
+    with pytest.raises(OSError, match=f"No space left on device: '{tmp_path / name}'$"):
         write(tmp_path / name, stick_motion)
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [(name, "of yesterday")]
 
@@ -122,3 +122,27 @@ def test_a_named_pipe_is_written_directly(tmp_path: Path) -> None:
     with whole_file(tmp_path / "pipe") as part:
         assert part == tmp_path / "pipe"
     assert (tmp_path / "pipe").is_fifo()
+
+
+def test_a_link_to_a_file_of_another_name_is_converted_by_its_own_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pretended = tmp_path / "python"
+    pretended.write_text('#!/bin/sh\nfor last; do :; done\necho "${last##*/}" > "$last"\n')
+    pretended.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(pretended))
+    (tmp_path / "kept").mkdir()
+    (tmp_path / "kept" / "0a1b").write_text("of yesterday")
+    (tmp_path / "walk.glb").symlink_to(tmp_path / "kept" / "0a1b")
+    convert_file(tmp_path / "walk.npz", tmp_path / "walk.glb")
+    assert (tmp_path / "walk.glb").is_symlink()
+    assert (tmp_path / "kept" / "0a1b").read_text() == "walk.glb\n"
+
+
+def test_a_full_device_is_named_as_it_was_given(
+    stick_motion: Motion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "walk.bvh").symlink_to("/dev/null")
+    monkeypatch.setattr(np, "savetxt", fail)
+    with pytest.raises(OSError, match=f"No space left on device: '{tmp_path / 'walk.bvh'}'$"):
+        bvh.write_bvh(tmp_path / "walk.bvh", stick_motion)

@@ -53,8 +53,11 @@ def main(argv: list[str] | None = None) -> int:
         options = ReadOptions(load_skeleton(given.skeleton) if given.skeleton else None, fps)
         stored = read_motion(given.source, options, given.source_format)
         said = write_motion(given.target, stored, given.rate_hz, given.target_format)
-    except (FormatError, RobotError, OSError) as error:
+    except (FormatError, RobotError) as error:
         print(f"error: {error}", file=sys.stderr)
+        return 1
+    except OSError as error:  # without a name if the disk is full
+        print(f"error: {error if error.filename else f'{given.target}: {error}'}", file=sys.stderr)
         return 1
     motion = stored.motion
     print(f"{given.target}: {motion.num_frames} frames of {stored.skeleton.name} at {motion.fps} a second")

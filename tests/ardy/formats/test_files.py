@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
@@ -100,3 +101,16 @@ def test_the_command_reports_errors_on_stderr(
     assert said.err.startswith("error: ")
     assert message in said.err
     assert said.out == ""
+
+
+def test_a_full_disk_is_reported_with_the_file(
+    tmp_path: Path, walk: StoredMotion, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    write_motion(tmp_path / "walk.npz", walk)
+    monkeypatch.setattr(np, "savetxt", full)
+    assert main([str(tmp_path / "walk.npz"), str(tmp_path / "walk.bvh")]) == 1
+    assert capsys.readouterr().err == f"error: {tmp_path / 'walk.bvh'}: [Errno 28] No space left on device\n"
+    assert list(tmp_path.iterdir()) == [tmp_path / "walk.npz"]

@@ -139,6 +139,8 @@ def test_the_other_form_of_headings_and_positions_is_read(tmp_path: Path) -> Non
     assert path.headings_rad.tolist() == pytest.approx([np.pi / 2])
 
 
+HANDS: dict[str, Any] = {"type": "end-effector", "frame_indices": [3], "root_positions": [[0, 1, 0]]}
+HANDS["local_joints_rot"] = [[[0, 0, 0]] * load_skeleton("core27").num_joints]
 ROOT: dict[str, Any] = {"type": "root2d", "frame_indices": [3], "root_2d": [[1, 2]]}
 
 
@@ -164,6 +166,11 @@ def test_a_file_with_a_byte_order_mark_is_read(tmp_path: Path) -> None:
         (json.dumps([{"type": "fullbody", "frame_indices": [1]}]), "constraint 0, local_joints_rot"),
         ('[{"type": "root2d", "frame_indices": [1], "root_2d": [[NaN, 1]]}]', "constraint 0, root_2d"),
         (json.dumps([{**ROOT, "root_2d": [[1, 10**400]]}]), "constraint 0, root_2d"),
+        (json.dumps([HANDS]), "constraint 0, joint_names"),
+        (json.dumps([HANDS | {"joint_names": []}]), "constraint 0, joint_names"),
+        (json.dumps([HANDS | {"joint_names": "LeftHand"}]), "constraint 0, joint_names"),
+        (json.dumps([HANDS | {"joint_names": ["LeftHand", "Nose"]}]), "constraint 0, joint_names"),
+        (json.dumps([HANDS | {"joint_names": [["LeftHand"]]}]), "constraint 0, joint_names"),
         (json.dumps([{**ROOT, "root_2d": [[1.5, True]]}]), "constraint 0, root_2d"),
         (json.dumps([ROOT]).replace('"frame_indices"', '"type": "root2d", "frame_indices"'), "constraint file"),
         (json.dumps([ROOT]).replace("[1, 2]", f"[1, {'9' * 5000}]"), "constraint file"),

@@ -82,6 +82,8 @@ ATTACKS = (
     Attack("20,000 HTTP/2 frames a second without effect", "needless_frames", 1),
     Attack("24 calls for the longest clips, answers not read", "unread_clips", 1),
     Attack("refused events on 40 streams, answers not read", "unread_streams", 1),
+    Attack("sessions that are resumed again and again on their own stream, frames not read", "unread_resumes", 1),
+    Attack("sessions that are closed and opened again and again, frames not read", "unread_reopenings", 1),
     Attack("catalogue requests", "catalogs", 2),
     Attack("600 connections with a limit of 400 descriptors", "connections", 1, most_files=400),
     Attack("garbage on the gRPC port", "garbage", 1),

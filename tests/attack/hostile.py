@@ -29,7 +29,7 @@ from tests.attack.hostile_load import (
     watches,
     welcome_crowds,
 )
-from tests.attack.hostile_memory import first_messages, unconfirmed_edits
+from tests.attack.hostile_memory import first_messages, unconfirmed_edits, unread_reopenings, unread_resumes
 from tests.attack.hostile_playheads import fast_players, teleporters
 from tests.attack.hostile_sockets import connections, garbage, idle_connections, unread_metrics
 from tests.attack.hostile_tokens import expired_tokens
@@ -230,6 +230,7 @@ KINDS: dict[str, Kind] = {
         edits_behind_prompts, health_checks, long_paths, reflections, welcome_crowds, many_rotations, refused_rotations,
         unconfirmed_edits, first_messages, half_open_calls, unread_calls, fast_players, teleporters, expired_tokens,
         prompts_over_streams, unreadable_names, tiny_headers, resets, forbidden_frames, needless_frames,
+        unread_resumes, unread_reopenings,
     )
 }  # fmt: skip
 NOT_DRAWN = {connections, idle_connections, unread_metrics, welcome_crowds, expired_tokens, tiny_headers}

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import itertools
+from typing import Any
+
+import grpc.aio
 
 from motiongen.v1 import motion_pb2, service_pb2, service_pb2_grpc, session_pb2
 from tests.attack.calls import HELLO, STREAMS, Event, Request, bare_stream, channel_to, drain, for_ever, many
@@ -51,3 +54,59 @@ async def first_messages(address: str) -> None:
             await asyncio.sleep(3600)
 
     await asyncio.gather(*(for_ever(connection) for _ in range(10)))
+
+
+_SESSIONS = 64
+
+
+async def _opened(call: Any) -> dict[int, str]:
+    """Open sessions on a new stream, and return their tokens by handle."""
+    opens = [Event(session=n, event_seq=1, open=session_pb2.OpenSession()) for n in range(_SESSIONS)]
+    await call.write(Request(hello=service_pb2.ClientHello(client_agent="hostile"), events=opens))
+    tokens: dict[int, str] = {}
+    while len(tokens) < _SESSIONS:
+        response = await call.read()
+        if response is grpc.aio.EOF:
+            raise ConnectionResetError("the stream ended before all sessions were open")
+        tokens |= {each.session: each.opened.session_token for each in response.updates if each.HasField("opened")}
+    return tokens
+
+
+async def unread_resumes(address: str) -> None:
+    """Clients that resume their sessions on their own stream again and again, and read none of the frames that are sent
+    again.
+    """
+
+    async def once() -> None:
+        async with channel_to(address) as channel:
+            call = service_pb2_grpc.MotionServiceStub(channel).StreamMotion()
+            tokens = await _opened(call)
+            for attempt in itertools.count(1):
+                first = _SESSIONS * attempt  # handles are not used again
+                for handle, token in tokens.items():
+                    point = session_pb2.ResumePoint(attempt=attempt, answered_seq=1)
+                    again = session_pb2.OpenSession(resume_token=token, resume_point=point)
+                    await call.write(Request(events=[Event(session=first + handle, event_seq=1, open=again)]))
+
+    await many(4, once)
+
+
+async def unread_reopenings(address: str) -> None:
+    """Clients that close their sessions and open others on the same handles, again and again, and read nothing."""
+
+    async def once() -> None:
+        async with channel_to(address) as channel:
+            call = service_pb2_grpc.MotionServiceStub(channel).StreamMotion()
+            await _opened(call)
+            events = [
+                event
+                for n in range(_SESSIONS)
+                for event in (
+                    Event(session=n, event_seq=2, close=session_pb2.CloseSession()),
+                    Event(session=n, event_seq=1, open=session_pb2.OpenSession()),
+                )
+            ]
+            while True:
+                await call.write(Request(events=events))
+
+    await many(4, once)

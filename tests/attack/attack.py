@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import sys
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -153,7 +154,8 @@ async def health_ms(server: Attacked, by_http: bool, within_s: float = HEALTH_S)
         try:
             stub: Any = health_pb2_grpc.HealthStub(channel)  # its stubs name no methods
             await stub.Check(health_pb2.HealthCheckRequest(), timeout=within_s)
-        except grpc.aio.AioRpcError:
+        except grpc.aio.AioRpcError as error:
+            print(f"the health check ended with {error.code().name}: {error.details()}", file=sys.stderr)
             return 2000 * within_s
     return 1000 * (time.perf_counter() - begun_s)
 

@@ -12,6 +12,7 @@ from typing import Any, Protocol
 
 from motiongen_client.errors import InvalidInput, MotiongenError
 from motiongen_client.types import SessionOptions, StartPose
+from motiongen_tools.arguments import MOST_SEED
 from motiongen_tools.view import fields
 from motiongen_tools.view.character import Character
 from motiongen_tools.view.commands import PRIORITIES, read_prompt
@@ -199,7 +200,7 @@ def session_options(message: Message, start: StartPose) -> SessionOptions:
         start = StartPose(fields.number(given, "x_m"), fields.number(given, "z_m"), heading)
     return SessionOptions(
         model_id=fields.text(message, "model", ""),
-        seed=fields.optional_whole(message, "seed", 0, (1 << 64) - 1),
+        seed=fields.optional_whole(message, "seed", 0, MOST_SEED),
         priority=PRIORITIES[priority],
         lookahead_frames=fields.optional_whole(message, "lookahead_frames", 1, 1 << 31),
         denoise_steps=fields.optional_whole(message, "steps", 1, 1 << 31),

@@ -32,6 +32,10 @@ AT_ONCE = 16
 PARTS = 20
 MOST_BYTES = 50
 """Allowed growth per cycle, of each process."""
+STEP_BYTES = 128 << 10
+"""For `Readings.slopes` over memory in use. The first batch of a new size makes megabytes be kept for later ones, once.
+A leak of 2 KB a cycle is 24 KB from one reading to the next with the model. A leak of rare, large blocks is found only
+by longer runs."""
 SETTINGS = ("--stream-events-per-second", "1000000", "--peer-events-per-second", "1000000", "--admit-load", "1000",
             "--degrade", "false", "--profile-s", "1", "--loop-share", "1000000000")  # fmt: skip
 MODELS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.attack.cycles import MODELS, MOST_BYTES, SETTINGS, Readings, judged, measure
+from tests.attack.cycles import MODELS, MOST_BYTES, SETTINGS, STEP_BYTES, Readings, judged, measure
 from tests.attack.in_use import told
 from tests.attack.server import attacked
 from tests.waiting import LIMIT_S
@@ -17,10 +17,6 @@ MOST_RESIDENT_BYTES = 4096
 can."""
 MOST_BYTES_IN_USE = 1024
 """Per cycle. Memory in use at rest varies by about 50 KiB, with what is under way: over so few cycles, 460 each."""
-
-STEP_BYTES = 128 << 10
-"""The first batch of a new size makes megabytes be kept for later ones, once. A leak of 2 KB a cycle is 24 KB from one
-reading to the next with the model. A leak of rare, large blocks is found only by longer runs."""
 
 
 async def test_resident_memory_does_not_grow_with_closed_sessions(tmp_path: Path) -> None:

@@ -3,10 +3,10 @@
 Frames that a client would run out of precede anything that only changes frames: a window without which a client's
 frames end soon comes first, whatever its class and cause, and so does a first window that has waited for long. Then
 classes go in order of priority, but each has a reserved share of all rows: while jobs of a class are left over, it gets
-a row at the latest when it is owed a whole one, so that no class starves. Within a class, windows that have begun go
-first, then the earliest deadline. Owners have shares of the same kind (`owner_shares`). Background jobs come after all
-classes, whatever class they have themselves, and have a share like a class: nobody waits for them, and none of them
-waits for ever.
+a row at the latest when it is owed a whole one, so that no class starves. Windows that have missed their deadlines join
+the most urgent class that has any (ADR 105). Within a class, windows that have begun go first, then the earliest
+deadline. Owners have shares of the same kind (`owner_shares`). Background jobs come after all classes, whatever class
+they have themselves, and have a share like a class: nobody waits for them, and none of them waits for ever.
 
 Preparing and decoding cost little more for several windows than for one. So new windows gather: if the running windows
 of their class, or these and those of more urgent classes, will soon be done, they wait for them and begin together.
@@ -154,14 +154,25 @@ class Scheduler:
     def _candidates(self, now: float) -> Iterator[ScheduledJob]:
         """The jobs that may be in the next step, in the order in which they are considered; some come twice."""
         yield from self._endangered(now)
-        for place, queue in enumerate(self._queues):
-            if queue:
-                gathers = self._gathers(place)
-                yield from (held for held in self._at(place) if held.prepared or not gathers)
+        places = [place for place, queue in enumerate(self._queues) if queue]
+        late = [held for place in places[1:] for held in self._late(place, now)]
+        for place in places:
+            gathers = self._gathers(place)
+            yield from (held for held in self._at(place, late) if held.prepared or not gathers)
+            late = []
 
-    def _at(self, place: int) -> list[ScheduledJob]:
-        """The jobs of a class, or of the background: first those that have begun; each part in order of deadline."""
-        held = (self._jobs[job_id] for _, job_id in self._queues[place])
+    def _late(self, place: int, now: float) -> list[ScheduledJob]:
+        """The jobs of a class that have missed their deadlines; none of the background."""
+        if place == _BACKGROUND:
+            return []
+        queue = self._queues[place]
+        return [self._jobs[job_id] for _, job_id in queue[: bisect_left(queue, (now, 0))]]
+
+    def _at(self, place: int, others: Sequence[ScheduledJob] = ()) -> list[ScheduledJob]:
+        """The jobs of a class, or of the background, and others: first those that have begun, then by deadline."""
+        held = [self._jobs[job_id] for _, job_id in self._queues[place]]
+        if others:
+            held = sorted((*held, *others), key=lambda one: one.dueness)
         return sorted(held, key=lambda one: not one.prepared)
 
     def _endangered(self, now: float) -> list[ScheduledJob]:

@@ -98,9 +98,28 @@ def test_long_window_is_at_risk_sooner_than_short_ones_due_before_it(longest_lef
     assert not {10, 11, 12} & set(chosen)
 
 
-def test_edit_of_a_crowd_session_never_precedes_a_hero() -> None:
+def test_edit_of_a_crowd_session_precedes_a_hero_only_once_it_is_late() -> None:
     heroes = [_edit(number, HERO, 0.05) for number in range(4)]
-    assert next_ids(scheduler_of(4, *heroes, _edit(9, CROWD, 0.01))) == [0, 1, 2, 3]
+    scheduler = scheduler_of(4, *heroes, _edit(9, CROWD, 0.01))
+    assert next_ids(scheduler, now=0.009) == [0, 1, 2, 3]
+    assert 9 in next_ids(scheduler, now=0.011)
+
+
+def test_late_windows_of_all_classes_come_by_deadline() -> None:
+    late = _edit(4, CROWD, 1.0), _edit(5, NEAR, 2.0), _edit(6, HERO, 3.0), _edit(7, NEAR, 4.0)
+    for rows, expected in ((1, {4}), (2, {4, 5}), (3, {4, 5, 6})):
+        assert set(next_ids(scheduler_of(rows, *late), now=5.0)) == expected
+
+
+def test_late_window_does_not_precede_one_that_has_begun() -> None:
+    begun, late = _edit(1, HERO, 9.0), _edit(2, CROWD, 1.0)
+    scheduler = _under_way(scheduler_of(1, begun, late), 1)
+    assert next_ids(scheduler, now=5.0) == [1]
+
+
+def test_late_window_of_the_background_waits() -> None:
+    clip = replace(window_job(9, HERO, 1.0), background=True)
+    assert next_ids(scheduler_of(1, clip, _edit(1, CROWD, 6.0)), now=5.0) == [1]
 
 
 def test_of_windows_at_risk_the_most_urgent_class_comes_first() -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from motiongen_compliance.output import command
 from motiongen_compliance.reach import Unreachable, credentials_of, reach, token_of
 
 SUITE = Path(__file__).with_name("suite")
@@ -35,6 +36,10 @@ def _parser() -> argparse.ArgumentParser:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the suite. Returns the exit code: 0 all rules are kept, 1 some are broken, 2 to 5 nothing was tested."""
+    return command(lambda: _test(arguments)) or 0
+
+
+def _test(arguments: Sequence[str] | None) -> int:
     parser = _parser()
     asked, others = parser.parse_known_args(arguments)
     host, _, port = asked.address.rpartition(":")

@@ -12,6 +12,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from motiongen_ardy.checkpoint.config import MAX_FPS
+from motiongen_ardy.core.output import command
 from motiongen_ardy.core.skeleton import UnknownSkeleton, load_skeleton
 from motiongen_ardy.data.build import BuildSettings, build, more_labels
 from motiongen_ardy.data.dataset import DatasetError, MotionDataset, prepare_folder, skipped_clips
@@ -193,4 +194,4 @@ def _look(options: argparse.Namespace, console: Console) -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    sys.exit(command(main))

@@ -24,6 +24,7 @@ from motiongen_ardy.checkpoint.files import CheckpointError, read_yaml
 from motiongen_ardy.checkpoint.hub import HubError
 from motiongen_ardy.checkpoint.model_card import UnknownModel, model_folder
 from motiongen_ardy.checkpoint.sampling_file import read_options
+from motiongen_ardy.core.output import command
 from motiongen_ardy.data.dataset import DatasetError, MotionDataset
 from motiongen_ardy.evaluate.cases import captured_figures, load_cases
 from motiongen_ardy.evaluate.context import QUICK, Context, Size
@@ -252,4 +253,4 @@ def _draw(context: Context, folder: Path, steps: int) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(command(main))

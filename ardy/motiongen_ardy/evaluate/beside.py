@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
+from motiongen_ardy.core.output import command
 from motiongen_ardy.evaluate.report import ReportError, put_between_marks, read_report, side_by_side
 
 
@@ -28,4 +30,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(command(main))

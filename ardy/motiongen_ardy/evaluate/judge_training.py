@@ -14,6 +14,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from motiongen_ardy.core.output import command
 from motiongen_ardy.core.representation import Representation
 from motiongen_ardy.data.dataset import Clip, DatasetError, MotionDataset
 from motiongen_ardy.evaluate.judge import MAX_FRAMES, TextJudge, frame_dim, judge_frames, save_judge
@@ -138,4 +139,4 @@ def main(given: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(command(main))

@@ -6,6 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from motiongen_ardy.core.output import command
 from motiongen_ardy.core.skeleton import load_skeleton, skeleton_names
 from motiongen_ardy.formats.errors import FormatError
 from motiongen_ardy.formats.files import MOTION_FORMATS, ReadOptions, format_of, read_motion, write_motion
@@ -67,4 +68,4 @@ def main(argv: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(command(main))

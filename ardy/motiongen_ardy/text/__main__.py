@@ -11,6 +11,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from motiongen_ardy.core.output import command
 from motiongen_ardy.text.loading import FORMS, load_text_encoder
 from motiongen_ardy.text.prompt_file import (
     PromptFileError,
@@ -67,4 +68,4 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(command(main))

@@ -18,6 +18,7 @@ from torch import nn
 
 from motiongen_ardy.checkpoint.checkpoint import load_checkpoint, load_tokenizer, save_checkpoint
 from motiongen_ardy.checkpoint.config_writer import check_model_config
+from motiongen_ardy.core.output import command
 from motiongen_ardy.data.dataset import MotionDataset
 from motiongen_ardy.model.config import ConfigError, DenoiserConfig, ModelConfig
 from motiongen_ardy.model.denoiser import build_denoiser
@@ -160,4 +161,4 @@ def main(given: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(command(main))

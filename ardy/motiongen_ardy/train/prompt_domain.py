@@ -20,6 +20,7 @@ from motiongen_ardy.capabilities import CAPABILITIES_FILE, read_capabilities
 from motiongen_ardy.checkpoint.checkpoint import CONFIG_FILE
 from motiongen_ardy.checkpoint.config import read_model_config
 from motiongen_ardy.checkpoint.files import CheckpointError, path_inside, read_yaml
+from motiongen_ardy.core.output import command
 from motiongen_ardy.core.problems import Problems
 from motiongen_ardy.data.dataset import Clip, DatasetError, MotionDataset
 from motiongen_ardy.text import load_text_encoder
@@ -109,4 +110,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(command(main))

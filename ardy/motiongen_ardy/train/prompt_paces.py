@@ -21,6 +21,7 @@ from motiongen_ardy.capabilities import DIRECTIONS, read_capabilities
 from motiongen_ardy.checkpoint.files import CheckpointError
 from motiongen_ardy.checkpoint.paces_file import PACES_FILE, write_paces
 from motiongen_ardy.checkpoint.sampling_file import SAMPLING_FILE
+from motiongen_ardy.core.output import command
 from motiongen_ardy.core.problems import Problems
 from motiongen_ardy.data.dataset import Clip, DatasetError, MotionDataset
 from motiongen_ardy.model.sampling.paces import SPEED_FRAMES, PromptPaces
@@ -129,4 +130,4 @@ def _distances(paces: PromptPaces, vectors: np.ndarray) -> np.ndarray:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(command(main))

@@ -8,7 +8,10 @@ folder with the sentence transformer, such as the one inside the package gt-all-
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
+
+from motiongen_ardy.core.output import command
 
 DIMENSIONS = 256
 
@@ -41,4 +44,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(command(main))

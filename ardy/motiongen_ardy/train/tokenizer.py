@@ -21,6 +21,7 @@ from motiongen_ardy.checkpoint.checkpoint import save_tokenizer
 from motiongen_ardy.checkpoint.config import MOTION_STATS
 from motiongen_ardy.checkpoint.config_writer import check_tokenizer_config
 from motiongen_ardy.checkpoint.stats import load_stats, save_stats
+from motiongen_ardy.core.output import command
 from motiongen_ardy.core.representation import LOCAL_ROOT_WIDTH, ROOT_WIDTH, Representation
 from motiongen_ardy.core.stats import Stats
 from motiongen_ardy.data.dataset import MotionDataset
@@ -211,4 +212,4 @@ def main(given: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(command(main))

@@ -15,10 +15,11 @@ def main() -> int:
     os.environ.setdefault("GRPC_VERBOSITY", "NONE")  # the command itself reports what went wrong, once
     # Imported here because it takes a second, and because gRPC reads its variable when it is imported.
     from motiongen_tools.cli import run
+    from motiongen_tools.output import command
 
     if is_usual:
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    return run(sys.argv[1:])
+    return command(lambda: run(sys.argv[1:])) or 0
 
 
 if __name__ == "__main__":

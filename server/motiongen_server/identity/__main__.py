@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
@@ -31,7 +32,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.days:
         at = datetime.now(UTC).replace(microsecond=0) + timedelta(days=options.days)
         until = f", expires = {at.isoformat().replace('+00:00', 'Z')}"
-    print(token)
+    try:
+        print(token, flush=True)
+    except OSError as error:  # nobody will use a token that nobody has seen: do not print what would admit it
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else Python would try again when it ends
+        print(f"error: the token could not be printed: {error.strerror}", file=sys.stderr)
+        return 1
     name = json.dumps(options.tenant, ensure_ascii=False)  # the escapes of JSON are also valid in TOML
     print(f'[tenants.{name}]\ntokens = [{{ hash = "{kept}"{until} }}]', file=sys.stderr)
     return 0

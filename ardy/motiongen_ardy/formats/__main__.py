@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from pathlib import Path
 
@@ -48,6 +49,7 @@ def _check_rates(given: argparse.Namespace) -> None:
 
 def main(argv: list[str] | None = None) -> int:
     given = parser().parse_args(argv)
+    out = sys.stderr if _is_standard_output(given.target) else sys.stdout  # the motion itself goes there
     try:
         _check_rates(given)
         fps = QPOS_FPS if given.fps is None else given.fps
@@ -61,10 +63,17 @@ def main(argv: list[str] | None = None) -> int:
         print(f"error: {error if error.filename else f'{given.target}: {error}'}", file=sys.stderr)
         return 1
     motion = stored.motion
-    print(f"{given.target}: {motion.num_frames} frames of {stored.skeleton.name} at {motion.fps} a second")
+    print(f"{given.target}: {motion.num_frames} frames of {stored.skeleton.name} at {motion.fps} a second", file=out)
     for line in said:
-        print(f"  {line}")
+        print(f"  {line}", file=out)
     return 0
+
+
+def _is_standard_output(path: Path) -> bool:
+    try:
+        return os.path.samestat(path.stat(), os.fstat(1))
+    except OSError:  # there is none, or no such file yet
+        return False
 
 
 if __name__ == "__main__":

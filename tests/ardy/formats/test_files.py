@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -114,3 +116,12 @@ def test_a_full_disk_is_reported_with_the_file(
     assert main([str(tmp_path / "walk.npz"), str(tmp_path / "walk.bvh")]) == 1
     assert capsys.readouterr().err == f"error: {tmp_path / 'walk.bvh'}: [Errno 28] No space left on device\n"
     assert list(tmp_path.iterdir()) == [tmp_path / "walk.npz"]
+
+
+def test_a_motion_on_standard_output_is_all_that_is_there(tmp_path: Path, walk: StoredMotion) -> None:
+    write_motion(tmp_path / "walk.npz", walk)
+    asked = [sys.executable, "-m", "motiongen_ardy.formats", str(tmp_path / "walk.npz"), "/dev/stdout", "--to", "bvh"]
+    done = subprocess.run(asked, capture_output=True, text=True, check=True)
+    assert done.stderr == "/dev/stdout: 26 frames of g134 at 25 a second\n"
+    (tmp_path / "again.bvh").write_text(done.stdout)
+    assert read_motion(tmp_path / "again.bvh").motion.num_frames == 26

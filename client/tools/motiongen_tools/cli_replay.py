@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from motiongen_client.edit import Edit
-from motiongen_client.errors import EventRefused, InvalidInput, MotiongenError
+from motiongen_client.errors import EventRefused, MotiongenError
 from motiongen_client.motion import Motion
 from motiongen_client.session import Session
 from motiongen_client.types import StartPose
@@ -20,7 +20,7 @@ from motiongen_tools.out_files import motion_path
 from motiongen_tools.view.commands import apply, read_prompt
 from motiongen_tools.view.rehearsal import Rehearsal, ToldAt
 from motiongen_tools.view.room import session_options
-from motiongen_tools.view.session_file import SessionFile, read_session
+from motiongen_tools.view.session_file import SessionFile, naming, read_session
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,11 +38,14 @@ async def replay(options: argparse.Namespace) -> int:
     outs = options.out or [Path("replay.npz")]
     for path in outs:
         check_file_to_write("--out", path)
-    async with client_of(options, options.server) as client:
-        opening = session_file.opening
+    opening = session_file.opening
+    with naming(f"{options.file}, opening"):
         prompt = read_prompt(opening) if opening.get("text") or opening.get("preset") else None
-        session = await client.open(prompt, options=session_options(opening, StartPose()), keep_s=None)
-        with console.status(f"playing {session_file.num_frames / session.rig.frame_rate_hz:.0f} s"):
+        asked = session_options(opening, StartPose())
+    async with client_of(options, options.server) as client:
+        session = await client.open(prompt, options=asked, keep_s=None)
+        waited_s = session_file.num_frames / session.rig.frame_rate_hz
+        with console.status(f"playing {waited_s:.0f} s"), naming(str(options.file)):
             answers = await play(session, session_file)
         motion = session.motion(0, session_file.num_frames)
         await session.close()
@@ -74,12 +77,8 @@ async def play(session: Session, session_file: SessionFile) -> list[tuple[ToldAt
     seconds = session_file.num_frames / session.rig.frame_rate_hz
     async for frame in session.frames(seconds=seconds):
         for then in rehearsal.due(frame.index):
-            try:
+            with naming(f"edit at frame {then.at_frame}"):
                 edit = apply(session, rehearsal.renumbered(then.message))
-            except InvalidInput as error:
-                raise InvalidInput(
-                    f"edit at frame {then.at_frame}, {error.field}", then.message, error.allowed
-                ) from None
             rehearsal.told(then, edit)
             sent.append((then, edit))
     told = [(edit, await _difference(edit, answer)) for edit, answer in sent]
@@ -95,7 +94,8 @@ async def _difference(edit: ToldAt, answer: Edit) -> str:
         return str(refusal)
     if outcome.effective_frame == edit.effective_frame:
         return ""
-    return f"from frame {outcome.effective_frame} on, recorded from frame {edit.effective_frame}"
+    recorded = "without one" if edit.effective_frame is None else f"from frame {edit.effective_frame}"
+    return f"from frame {outcome.effective_frame} on, recorded {recorded}"
 
 
 def _write(path: Path, motion: Motion) -> list[str]:

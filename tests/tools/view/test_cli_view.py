@@ -70,3 +70,23 @@ def test_a_file_that_is_not_a_session_is_refused(tmp_path: Path, capsys: pytest.
     (tmp_path / "a.json").write_text(json.dumps([1, 2]))
     assert run(["replay", str(tmp_path / "a.json")]) == 1
     assert "motiongen-session-1" in capsys.readouterr().err
+
+
+def test_a_wrong_opening_is_reported_with_its_file_before_a_server_is_needed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("a.json").write_text(write_session(SessionFile({"steps": "four"}, 20, ())))
+    assert run(["replay", "a.json", "--server", "localhost:1"]) == 1
+    assert capsys.readouterr().err.startswith("error: a.json, opening, steps: 'four' was given; allowed is a whole")
+
+
+def test_an_edit_that_the_rig_does_not_allow_is_reported_with_its_file_and_value(
+    server: FakeServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    turn = {"op": "set_velocity", "x_mps": 0.0, "z_mps": 1.0, "heading_rad": 0.0}
+    monkeypatch.setattr("motiongen_tools.view.session_file.read", lambda message: None)  # only found when it is due
+    Path("a.json").write_text(write_session(SessionFile({}, 20, (ToldAt(4, 9, turn | {"z_mps": "fast"}),))))
+    assert run(["replay", "a.json", "--server", server.address]) == 1
+    assert "error: a.json, edit at frame 4, z_mps: 'fast' was given" in capsys.readouterr().err

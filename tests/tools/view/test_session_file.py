@@ -27,6 +27,7 @@ from tests.client.fake_server import FakeServer
 from tests.tools.view.conftest import Page
 
 WAYPOINT = {"kind": "waypoint", "frame": 90, "x_m": 1.0, "z_m": 2.0}
+FIRST = {"at_frame": 0, "op": "clear_constraints"}
 LIMB = {"kind": "joint_targets", "frame": 90, "positions_m": [[0, 1, 0]]}
 SESSION = SessionFile(
     {"text": "a person stands", "seed": "7"},
@@ -52,39 +53,43 @@ def test_a_session_file_round_trips(tmp_path: Path) -> None:
         ("{", "file"),
         ("[]", "file"),
         ('{"format": "other"}', "file"),
-        (json.dumps({"format": FORMAT, "edits": {}}), "edits"),
-        (json.dumps({"format": FORMAT, "edits": [], "opening": 3, "num_frames": 3}), "opening"),
-        (json.dumps({"format": FORMAT, "edits": [], "opening": {}, "num_frames": 0}), "num_frames"),
-        (json.dumps({"format": FORMAT, "edits": [{"op": "undo"}], "opening": {}, "num_frames": 3}), "at_frame"),
+        (json.dumps({"format": FORMAT, "edits": {}}), "a.json, edits"),
+        (json.dumps({"format": FORMAT, "edits": [], "opening": 3, "num_frames": 3}), "a.json, opening"),
+        (json.dumps({"format": FORMAT, "edits": [], "opening": {}, "num_frames": 0}), "a.json, num_frames"),
+        (
+            json.dumps({"format": FORMAT, "edits": [{"op": "undo"}], "opening": {}, "num_frames": 3}),
+            "a.json, edits[0], at_frame",
+        ),
         (f'{{"format": "{FORMAT}", "edits": [], "opening": {{}}, "num_frames": {"9" * 5000}}}', "file"),
         ("[" * 100_000, "file"),
     ],
 )
-def test_an_invalid_file_is_refused(tmp_path: Path, text: str, field: str) -> None:
+def test_an_invalid_file_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, field: str) -> None:
     (tmp_path / "a.json").write_text(text)
+    monkeypatch.chdir(tmp_path)
     with pytest.raises(InvalidInput) as refused:
-        read_session(tmp_path / "a.json")
+        read_session(Path("a.json"))
     assert refused.value.field == field
 
 
 @pytest.mark.parametrize(
     ("edit", "said"),
     [
-        ({"op": "undo"}, "edit at frame 7, op: 'undo' was given; allowed is one of set_prompt"),
-        ({"op": "remove_prompts", "prompt_ids": [10**20]}, "edit at frame 7, prompt_ids: [1000"),
-        ({"op": "set_prompt", "text": "run", "prompt_id": [1]}, "edit at frame 7, prompt_id: [1] was given"),
+        ({"op": "undo"}, "a.json, edits[1], op: 'undo' was given; allowed is one of set_prompt"),
+        ({"op": "remove_prompts", "prompt_ids": [10**20]}, "a.json, edits[1], prompt_ids: [1000"),
+        ({"op": "set_prompt", "text": "run", "prompt_id": [1]}, "a.json, edits[1], prompt_id: [1] was given"),
         (
             {"op": "add_constraints", "constraints": [LIMB | {"joints": ["LeftHand"]}]},
-            "edit at frame 7, joints: ('LeftHand',) was given; allowed is one index of the rig's joints or more",
+            "a.json, edits[1], joints: ('LeftHand',) was given; allowed is one index of the rig's joints or more",
         ),
         (
             {"op": "add_constraints", "constraints": [LIMB | {"joints": [-1]}]},
-            "edit at frame 7, joints: (-1,) was given",
+            "a.json, edits[1], joints: (-1,) was given",
         ),
     ],
 )
-def test_an_invalid_edit_is_refused_with_its_frame(edit: dict[str, Any], said: str) -> None:
-    written = {"format": FORMAT, "opening": {}, "num_frames": 20, "edits": [{"at_frame": 7, **edit}]}
+def test_an_invalid_edit_is_refused_by_its_number(edit: dict[str, Any], said: str) -> None:
+    written = {"format": FORMAT, "opening": {}, "num_frames": 20, "edits": [FIRST, {"at_frame": 7, **edit}]}
     with pytest.raises(InvalidInput) as refused:
         parse_session(json.dumps(written).encode(), "a.json")
     assert said in str(refused.value)

@@ -6,7 +6,9 @@ playhead when the edit was made), effective_frame, `gave` (the ids that it was g
 
 from __future__ import annotations
 
+import contextlib
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -83,31 +85,49 @@ def read_session(path: Path) -> SessionFile:
 
 
 def parse_session(data: bytes, name: str) -> SessionFile:
-    """A session file from its bytes. name: for errors. Raises InvalidInput, also for edits that no server accepts."""
+    """A session file from its bytes. Raises InvalidInput, also for edits that no server accepts.
+
+    name: of the file, for errors; they name the edit too.
+    """
     try:
         whole: Any = json.loads(data)
     except (ValueError, RecursionError) as error:  # ValueError: no UTF-8, no JSON, a number with thousands of digits
         raise InvalidInput("file", name, f"a session file, which is JSON: {error}") from None
     if not isinstance(whole, dict) or whole.get("format") != FORMAT:
         raise InvalidInput("file", name, f"a session file of the format {FORMAT}")
+    with naming(name):
+        return _read_whole(whole)
+
+
+@contextlib.contextmanager
+def naming(where: str) -> Iterator[None]:
+    """Let InvalidInput say in front where the value was found: `walk.json, edits[3], op: ...`."""
+    try:
+        yield
+    except InvalidInput as error:
+        raise InvalidInput(f"{where}, {error.field}", error.given, error.allowed) from None
+
+
+def _read_whole(whole: dict[str, Any]) -> SessionFile:
     edits = whole.get("edits")
     if not isinstance(edits, list) or not all(isinstance(edit, dict) for edit in edits):
         raise InvalidInput("edits", edits, "a list of objects")
     if len(edits) > MOST_KEPT:
         raise InvalidInput("edits", f"{len(edits)} of them", f"at most {MOST_KEPT}, as many as a viewer remembers")
-    return SessionFile(
-        fields.mapping(whole, "opening"), fields.whole(whole, "num_frames", 1), tuple(map(_read_edit, edits))
-    )
+    opening, num_frames = fields.mapping(whole, "opening"), fields.whole(whole, "num_frames", 1)
+    return SessionFile(opening, num_frames, tuple(_read_edit(index, edit) for index, edit in enumerate(edits)))
 
 
-def _read_edit(edit: dict[str, Any]) -> ToldAt:
+def _read_edit(index: int, edit: dict[str, Any]) -> ToldAt:
+    with naming(f"edits[{index}]"):
+        return _checked_edit(edit)
+
+
+def _checked_edit(edit: dict[str, Any]) -> ToldAt:
     message = {key: value for key, value in edit.items() if key not in ("at_frame", "effective_frame", "gave")}
     gave = fields.mapping(edit, "gave") if "gave" in edit else {}
     at_frame = fields.whole(edit, "at_frame")
-    try:
-        read(message)  # only a check: the call is made again when it is due, with other ids
-    except InvalidInput as error:
-        raise InvalidInput(f"edit at frame {at_frame}, {error.field}", error.given, error.allowed) from None
+    read(message)  # only a check: the call is made again when it is due, with other ids
     return ToldAt(
         at_frame,
         fields.optional_whole(edit, "effective_frame"),

@@ -43,7 +43,7 @@ def _test(arguments: Sequence[str] | None) -> int:
     parser = _parser()
     asked, others = parser.parse_known_args(arguments)
     host, _, port = asked.address.rpartition(":")
-    if not host or not (port.isascii() and port.isdigit() and 0 < int(port) < 1 << 16):
+    if not host or not (port.isascii() and port.isdigit() and len(port) <= 5 and 0 < int(port) < 1 << 16):
         parser.error(f"{asked.address!r} is not an address; give HOST:PORT, for example localhost:50051")
     files = {name: getattr(asked, name) for name in ("ca", "certificate", "key", "token_file")}
     for name, path in files.items():

@@ -88,3 +88,9 @@ async def test_token_metadata_and_options_reach_grpc(server: FakeServer, monkeyp
 def test_malformed_address_is_refused_with_the_allowed_form(address: str) -> None:
     with pytest.raises(InvalidInput, match="allowed is host:port"):
         ChannelSettings(address)
+
+
+@pytest.mark.parametrize("address", ["http://localhost:50051", "grpc://localhost:50051"])
+def test_an_address_with_a_scheme_is_refused_with_what_to_give(address: str) -> None:
+    with pytest.raises(InvalidInput, match=r"allowed is host:port without a scheme: localhost:50051$"):
+        ChannelSettings(address)

@@ -68,6 +68,7 @@ async def test_authenticating_server_is_tested_over_tls_with_a_token(tmp_path: P
         (["localhost"], "give HOST:PORT"),
         ([":50051"], "give HOST:PORT"),
         (["localhost:65536"], "give HOST:PORT"),
+        ([f"localhost:{'9' * 5000}"], "give HOST:PORT"),
         (["localhost:50051", "--ca", "no/such.pem"], "no file no/such.pem"),
         (["localhost:50051", "--token-file", "no/token"], "give --token-file one that can be read"),
         (["localhost:50051", "--key", AUTHORITY], "must be given together, and with --ca"),

@@ -235,6 +235,8 @@ def _host_of(address: str) -> str:
     if not is_text or not host or not is_number or not 0 < int(port) < 65536:
         allowed = "host:port with a port from 1 to 65535, such as localhost:50051, or unix:PATH"
         raise InvalidInput("address", address, allowed)
+    if "://" in host:
+        raise InvalidInput("address", address, f"host:port without a scheme: {address.rpartition('://')[2]}")
     if ":" in host and not (host.startswith("[") and host.endswith("]")):
         raise InvalidInput("address", address, f"an IPv6 address in brackets, such as [{host}]:{port}")
     return host

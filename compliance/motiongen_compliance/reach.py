@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import codecs
 import socket
 from pathlib import Path
 
@@ -39,7 +40,7 @@ def token_of(path: Path | None) -> str:
     """The token in a file; "" without a file. Raises ValueError if the file has no token."""
     if path is None:
         return ""
-    token = path.read_bytes().decode("ascii", "replace").strip()
+    token = path.read_bytes().removeprefix(codecs.BOM_UTF8).decode("ascii", "replace").strip()
     if not token or not (token.isascii() and token.isprintable()):
         raise ValueError(f"{path} has no token: one line of printable ASCII")
     return token

@@ -131,7 +131,7 @@ def _front_matter(path: Path) -> dict[str, object]:
     try:
         if not path.is_file() or path.stat().st_size > MAX_CARD_BYTES:
             return {}
-        parts = path.read_text(encoding="utf-8").split("---", 2)
+        parts = path.read_text(encoding="utf-8-sig").split("---", 2)
         loaded = parse_yaml(parts[1], path) if len(parts) == 3 and not parts[0].strip() else None
     except (OSError, UnicodeDecodeError, CheckpointError):
         return {}

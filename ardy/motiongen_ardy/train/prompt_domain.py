@@ -54,7 +54,7 @@ def known_captions(clips: Iterable[Clip], min_clips: int = MIN_CLIPS, without: C
 def read_prompts(path: Path) -> list[str]:
     """The lines of a list of prompts. Raises DomainError if it cannot be read or is empty."""
     try:
-        lines = [line.strip() for line in path.read_text(encoding="utf-8").splitlines()]
+        lines = [line.strip() for line in path.read_text(encoding="utf-8-sig").splitlines()]
     except (OSError, UnicodeDecodeError) as error:
         raise DomainError(f"{path} cannot be read: {error}") from error
     prompts = [line for line in lines if line]

@@ -95,7 +95,7 @@ class Connection:
     def token(self) -> str:
         """The token in the file, without surrounding white space. Raises InvalidInput."""
         assert self.token_file is not None
-        return _read("token-file", self.token_file).decode(errors="replace").strip()
+        return _read("token-file", self.token_file).decode("utf-8-sig", "replace").strip()
 
 
 PLAIN = Connection()

@@ -96,7 +96,7 @@ class Tenants:
 def read_tenants(path: str) -> Tenants:
     """Raises ValueError if the file is invalid, OSError if it cannot be read."""
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = Path(path).read_text(encoding="utf-8-sig")  # some editors write a byte order mark
         if not text.strip():  # as for a moment while it is rewritten; nobody must be thrown out then
             raise ValueError("it is empty; write [tenants] alone to let nobody in")
         document = tomllib.loads(text)

@@ -105,7 +105,7 @@ def read_joint_map(path: str | Path, group: str = "") -> JointMap:
     Raises InvalidInput, and OSError for a file that cannot be read.
     """
     try:
-        document = json.loads(Path(path).read_text(encoding="utf-8"))
+        document = json.loads(Path(path).read_text(encoding="utf-8-sig"))  # some editors write a byte order mark
     except (ValueError, RecursionError) as error:  # not JSON, not UTF-8, or nested too deeply
         raise InvalidInput("path", str(path), f"a file of JSON ({error})") from None
     return JointMap.of(document, group)

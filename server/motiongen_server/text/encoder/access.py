@@ -46,7 +46,7 @@ def encoder_token(config: ServerConfig, address: str, by_tls: bool) -> Callable[
 
 def _read_token(path: Path) -> str:
     """Raises ValueError if no call can carry the token, as when the file is just being written, and OSError."""
-    token = path.read_text(encoding="utf-8").strip()
+    token = path.read_text(encoding="utf-8-sig").strip()  # some editors write a byte order mark
     if not token or not token.isascii() or not token.isprintable() or " " in token:
         raise ValueError("it must be one word of ASCII characters")
     return token

@@ -31,7 +31,7 @@ SCENARIOS = ROOT / "client" / "tools" / "motiongen_tools" / "bench" / "scenarios
 MAP = {
     "metres_per_unit": 1.0,
     "joints": {"Hips": {"from": "pelvis", "axes": ["left", "up", "forward"]}},
-    "root": {"from": ["pelvis"], "to": ["Hips"], "scale": 1.0, "ground": 0.0},
+    "root": {"from": ["pelvis"], "to": ["Hips"], "scale": 1.0, "ground": {"source_height": 0.0, "height": 0.0}},
 }
 SESSION = {"format": FORMAT, "opening": {}, "num_frames": 3, "edits": []}
 WAYPOINT = '[{"type": "root2d", "frame_indices": [3], "root_2d": [[1, 2]]}]'

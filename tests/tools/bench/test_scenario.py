@@ -64,7 +64,7 @@ def test_a_scenario_file_is_read() -> None:
         ({"ramp_s": float("nan")}, "ramp_s: nan was given; allowed is a number from 0 to 3600"),
         ({"ramp": 1}, "ramp is not known here; known are format, name"),
         ({"groups": []}, "groups: [] was given; allowed is a list of one or more"),
-        ({"groups": ["crowd"]}, "groups[0].: 'crowd' was given; allowed is a mapping"),
+        ({"groups": ["crowd"]}, "groups[0]: 'crowd' was given; allowed is a mapping"),
         ({"name": " "}, "name: ' ' was given; allowed is a text that is not blank"),
     ],
 )

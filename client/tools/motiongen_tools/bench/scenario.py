@@ -205,7 +205,8 @@ class _Fields:
     def __init__(self, value: object, where: str, path: str) -> None:
         self._where, self._path = where, path
         if not isinstance(value, Mapping):
-            raise InvalidScenario(f"{where}: {path or 'the file'}: {_shown(value)} was given; allowed is a mapping")
+            place = path.removesuffix(".") or "the file"
+            raise InvalidScenario(f"{where}: {place}: {_shown(value)} was given; allowed is a mapping")
         self._values = value
         self._known: list[str] = []
 

@@ -28,6 +28,16 @@ def main():
 
 sys.exit(command(main))
 """
+INTERRUPTED = """
+import signal, sys
+from motiongen_tools.output import command
+
+def main():
+    print("begun")
+    signal.raise_signal(signal.SIGINT)
+
+sys.exit(command(main))
+"""
 
 
 @pytest.fixture
@@ -81,6 +91,12 @@ def test_output_is_what_was_printed(tmp_path: Path) -> None:
         assert run(file.fileno(), "-c", PRINTS_THEN_WRITES, str(tmp_path / "kept")) == (4, "")
     lines = (tmp_path / "shown").read_text().splitlines()
     assert lines == [f"line {line} of many" for line in range(20_000)]
+
+
+def test_a_command_that_is_interrupted_says_so(tmp_path: Path) -> None:
+    with (tmp_path / "shown").open("wb") as file:
+        assert run(file.fileno(), "-c", INTERRUPTED) == (130, "interrupted\n")
+    assert (tmp_path / "shown").read_text() == "begun\n"
 
 
 @pytest.mark.parametrize("module", ["motiongen_ardy.robot", "motiongen_tools --help", "motiongen_compliance --help"])

@@ -1,4 +1,4 @@
-"""Standard output of commands: a reader that leaves early, as `| head` does, changes nothing but what is shown."""
+"""How commands end: a reader of their output that leaves, as `| head` does, does not end them; Ctrl-C does."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def command(main: Callable[[], int | None]) -> int | None:
     """Run the main function of a process, and return its exit code; 1 if what it printed could not be written.
 
     If the reader of standard output leaves, `main` goes on, and what it prints goes nowhere: its files and its exit
-    code stay what they would have been.
+    code stay what they would have been. Ctrl-C ends it with 130, as shells expect.
     """
     usual = sys.stdout
     if usual is None:  # it was closed before the process began; some libraries need one
@@ -49,6 +49,9 @@ def command(main: Callable[[], int | None]) -> int | None:
     except OutputFailed as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130
     finally:
         sys.stdout = usual
 

@@ -8,9 +8,12 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
+import pytest
 from hdrh.histogram import HdrHistogram
 
 from motiongen_tools.bench import terminal
+from motiongen_tools.bench.charts import draw_run
+from motiongen_tools.bench.recorder import SLACK
 from motiongen_tools.bench.report import write_report
 from motiongen_tools.bench.result import Standard
 from motiongen_tools.bench.scenario import load_scenario
@@ -65,6 +68,19 @@ def test_a_report_is_complete_and_self_contained(tmp_path: Path) -> None:
     assert "a <fast> one" in page.text
     assert "VOID" not in page.text
     assert written[2].read_bytes().startswith(PNG)
+
+
+@pytest.mark.parametrize(("chunks", "marks"), [(3, {"0", "1", "2", "3"}), (5000, {"$\\mathdefault{10^{3}}$"})])
+def test_numbers_of_chunks_are_marked_whether_few_or_many(chunks: int, marks: set[str]) -> None:
+    result = make_result()
+    for _ in range(chunks):
+        result.recorder.record(SLACK, "crowd", 0.4)
+    figure = draw_run(result)
+    figure.canvas.draw()
+    (axes,) = (axes for axes in figure.axes if axes.get_title("left").startswith("chunks"))
+    shown = {text.get_text() for text in axes.get_yticklabels()}
+    assert marks <= shown
+    assert not any("." in text for text in shown)
 
 
 def test_names_with_markup_are_shown_literally(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 from motiongen_client import JointTargets, Motion, RootTrajectory, Waypoint
 from motiongen_tools.demo.direct import Here, circle_m, here
 from motiongen_tools.demo.goals import Aim, Facing, Goal, Pace, measure
-from motiongen_tools.demo.report import deeds
+from motiongen_tools.demo.report import Deed, deeds
 from motiongen_tools.demo.script import Circle
 
 
@@ -86,3 +86,8 @@ def test_deeds_describe_the_motion_under_each_prompt(stick_motion: Motion) -> No
     assert (first.from_s, first.to_s, second.from_s, second.to_s) == (0, 1, 1, 2)
     assert (second.text, second.travelled_m) == ("walk", pytest.approx(0.95, abs=1e-4))
     assert second.turned_deg == pytest.approx(0, abs=1e-4)
+
+
+def test_a_turn_is_told_in_whole_degrees_without_a_sign_at_zero() -> None:
+    turned = [Deed(0, 1, "stand", 0.0, degrees).turned for degrees in (-0.4, -89.7, 12.2)]
+    assert turned == ["0 degrees", "-90 degrees", "12 degrees"]

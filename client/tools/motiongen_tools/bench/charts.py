@@ -27,6 +27,7 @@ _INK, _QUIET, _GRID = "#1f2328", "#7c828b", "#eceef0"
 _BLUE, _RED, _GREEN, _ORANGE, _VIOLET = "#2f6db3", "#cf4a4a", "#1a9850", "#d98a1f", "#7a4fb5"
 _COLOURS = (_BLUE, _ORANGE, _GREEN, _VIOLET, _RED)
 _PERCENTILES = (0.0, *(100 * (1 - 10 ** (-exponent / 20)) for exponent in range(1, 81)))
+_FEW = 10  # chunks, up to which their scale is linear
 _TICKS = (50, 90, 99, 99.9, 99.99)
 
 
@@ -152,8 +153,11 @@ def _earliness(axes: Axes, result: Result) -> None:
         counts, _ = np.histogram(places, edges, weights=weights)
         colours = [_RED if left < 0 else _BLUE for left in edges[:-1]]
         axes.bar(edges[:-1], counts, width=np.diff(edges), align="edge", color=colours)
+        if counts.max() > _FEW:
+            axes.set_yscale("symlog", linthresh=_FEW)
+        else:  # there would be no power of ten to mark
+            axes.locator_params(axis="y", integer=True)
     axes.axvline(0, color=_INK, linewidth=1)
-    axes.set_yscale("symlog", linthresh=10)
     _dress(axes, "chunks before they were needed (red: after)", "ms", "chunks")
 
 

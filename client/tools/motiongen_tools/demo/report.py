@@ -30,6 +30,11 @@ class Deed:
     travelled_m: float
     turned_deg: float  # to the left
 
+    @property
+    def turned(self) -> str:
+        """The turn in words."""
+        return f"{round(self.turned_deg)} degrees"  # a whole number has no minus zero
+
 
 def deeds(motion: Motion, prompts: Sequence[tuple[int, str]]) -> list[Deed]:
     """A deed for each prompt that was in force for two frames or more. prompts: (frame, text), in order of time."""
@@ -68,8 +73,8 @@ def print_report(takes: Sequence[Take], place_m: float, console: Console) -> Non
     if story is not None:
         table = make_table("The story", "prompt", "from", "to", "travelled", "turned left")
         for deed in deeds(story, takes[0].prompts):
-            turned = f"{deed.turned_deg:.0f} degrees"
-            table.add_row(deed.text, f"{deed.from_s:.1f} s", f"{deed.to_s:.1f} s", f"{deed.travelled_m:.1f} m", turned)
+            times = (f"{deed.from_s:.1f} s", f"{deed.to_s:.1f} s")
+            table.add_row(deed.text, *times, f"{deed.travelled_m:.1f} m", deed.turned)
         console.print(table)
     table = make_table("Goals", "asked for", "due", "off by", "within bound from")
     for take in takes:

@@ -14,6 +14,8 @@ from motiongen_server.snapshots.store import Held, Lease, Renewal, StoreFailed
 
 BUSY_S = 0.5
 """How long a call waits for another process that writes."""
+INCREMENTAL = 2
+"""SQLite's number for files that can be shortened bit by bit."""
 _SCHEMA = """
     CREATE TABLE IF NOT EXISTS sessions (
         name TEXT PRIMARY KEY, epoch INTEGER NOT NULL, holder TEXT NOT NULL, expires_at REAL NOT NULL, data BLOB
@@ -23,6 +25,8 @@ PAGE_BYTES = 16384
 """For new files. A record takes three of these pages, but ten of SQLite's default 4 KiB, and each page costs a call to
 read, a call to write and a checksum. Existing files keep their page size.
 """
+_INDEX = "CREATE INDEX IF NOT EXISTS sessions_by_expiry ON sessions (expires_at)"
+"""Without it, each renewal would read a page of every record, while no other process can write."""
 _CHECK = "SELECT name, epoch, holder, expires_at, data FROM sessions LIMIT 0"
 _SAVE = """
     INSERT INTO sessions VALUES (?, ?, '', ?, ?) ON CONFLICT (name) DO UPDATE
@@ -37,10 +41,21 @@ _TAKE = """
 """
 _READ = "SELECT epoch, data FROM sessions WHERE name = ? AND expires_at > ?"
 _DROP = "DELETE FROM sessions WHERE name = ? AND epoch = ?"
-_EXPIRE = "DELETE FROM sessions WHERE expires_at <= ?"
+MOST_EXPIRED = 64
+"""Records that a renewal deletes. Thousands expire at once if a server was killed, and others could not write."""
+_EXPIRE = f"""
+    DELETE FROM sessions WHERE name IN (SELECT name FROM sessions WHERE expires_at <= ? LIMIT {MOST_EXPIRED})
+"""
+_SHRINK = "PRAGMA incremental_vacuum(1)"
+MOST_SHRUNK_PAGES = 64
+"""By which a renewal shortens a file that is mostly free."""
+LEAST_FREE_PAGES = 1024
+"""16 MiB, which a file keeps for new records."""
 
 LOG_BYTES = 4 << 20
 """The size of the write-ahead log at which it is moved into the file."""
+MOST_LOG_BYTES = 4 * LOG_BYTES
+"""A log that has grown beyond this, in a large transaction or while others read, is shortened when it is reused."""
 
 Result = TypeVar("Result")
 
@@ -63,7 +78,7 @@ class SqliteStore:
         except OSError as error:
             raise StoreFailed(f"cannot keep snapshots in {path}: {error}") from error
         # Another program's file may have a different table of that name: better to fail now than at the first session.
-        self._do(lambda connection: (connection.execute(_SCHEMA), connection.execute(_CHECK)))
+        self._do(lambda connection: [connection.execute(each) for each in (_SCHEMA, _CHECK, _INDEX)])
 
     def __str__(self) -> str:
         return f"sqlite:{self._path}"
@@ -90,12 +105,13 @@ class SqliteStore:
         return None if row is None else Held(*row)
 
     def renew(self, leases: Sequence[Lease]) -> list[Renewal]:
-        """As in SnapshotStore; also deletes expired records."""
+        """As in SnapshotStore; also deletes expired records, and shortens a file that is mostly free."""
         now = self._clock()
 
         def renew(connection: sqlite3.Connection) -> list[Renewal]:
             connection.executemany(_RENEW, [(now + self._keep_s, *lease) for lease in leases])
             connection.execute(_EXPIRE, (now,))
+            _shrink(connection)
             held = [connection.execute(_EPOCH, (lease.name,)).fetchone() for lease in leases]
             return [_renewal(row, lease) for row, lease in zip(held, leases, strict=True)]
 
@@ -146,12 +162,24 @@ class SqliteStore:
         if connection is None:
             connection = sqlite3.connect(self._path, timeout=BUSY_S, isolation_level=None, check_same_thread=False)
             connection.execute(f"PRAGMA page_size = {PAGE_BYTES}")
+            if connection.execute("PRAGMA auto_vacuum").fetchone() != (INCREMENTAL,):
+                connection.execute(f"PRAGMA auto_vacuum = {INCREMENTAL}")  # has no effect on existing files
             connection.execute(f"PRAGMA wal_autocheckpoint = {LOG_BYTES // PAGE_BYTES}")
+            connection.execute(f"PRAGMA journal_size_limit = {MOST_LOG_BYTES}")
             # The file survives the end of the process; only a crash of the machine may lose the last transactions.
             connection.execute("PRAGMA journal_mode = WAL")
             connection.execute("PRAGMA synchronous = NORMAL")
             self._local.connection = connection
         return connection
+
+
+def _shrink(connection: sqlite3.Connection) -> None:
+    """Give pages back that sessions no longer need. Does nothing in files of earlier versions, which cannot shrink."""
+    (num_pages,), (num_free,) = (
+        connection.execute(f"PRAGMA {of}").fetchone() for of in ("page_count", "freelist_count")
+    )
+    for _ in range(min(MOST_SHRUNK_PAGES, num_free - max(num_pages // 2, LEAST_FREE_PAGES))):
+        connection.execute(_SHRINK)  # Python ends this statement after one page, however many it is asked for
 
 
 def _renewal(row: tuple[int] | None, lease: Lease) -> Renewal:

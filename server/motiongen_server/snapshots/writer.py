@@ -125,9 +125,9 @@ class SnapshotWriter:
                 batch = {lease: self._waiting[lease] for lease in list(self._waiting)[:MOST_AT_ONCE]}
                 dropped, self._dropped = self._dropped, []
             try:
-                if dropped:  # first, as this makes room in a full store
-                    self._store.drop(dropped)
-                    dropped = []
+                while dropped:  # first, as this makes room in a full store
+                    self._store.drop(dropped[:MOST_AT_ONCE])
+                    dropped = dropped[MOST_AT_ONCE:]
                 self._write(batch)
                 if self._clock() >= self._renew_at:
                     self._renew()

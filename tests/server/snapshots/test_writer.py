@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import os
 import threading
+from collections.abc import Sequence
 
 import pytest
 
 from motiongen_server.snapshots import writer
 from motiongen_server.snapshots.listener import Written
 from motiongen_server.snapshots.record import MAX_BYTES, read_record
-from motiongen_server.snapshots.store import Lease
-from motiongen_server.snapshots.writer import SnapshotWriter
+from motiongen_server.snapshots.store import Lease, StoreFailed
+from motiongen_server.snapshots.writer import MOST_AT_ONCE, SnapshotWriter
 from tests.server.snapshots.kept import Heard, Store
 from tests.server.snapshots.records import a_record
 from tests.waiting import until
@@ -127,6 +128,38 @@ def test_drop_is_repeated_once_a_failing_store_recovers(store: Store, heard: Hea
     store.fails = False
     until(lambda: store.dropped)
     assert store.dropped == [A]
+
+
+class Dropping(Store):
+    """Notes how many records each call drops; the first call that drops several fails."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.calls: list[int] = []
+
+    def drop(self, leases: Sequence[Lease]) -> None:
+        if len(self.calls) == 1:
+            self.calls.append(0)
+            raise StoreFailed("busy")
+        super().drop(leases)
+        self.calls.append(len(leases))
+
+
+def test_sessions_that_end_together_are_dropped_by_several_calls(heard: Heard) -> None:
+    """Otherwise other servers could not write to a file meanwhile. What a failure has left is dropped later."""
+    store = Dropping()
+    saving = SnapshotWriter(store, heard)
+    store.gate.clear()
+    saving.save(A, a_record(1))
+    until(lambda: store.num_saves)
+    leases = [Lease(f"{number}", 1) for number in range(2 * MOST_AT_ONCE + 1)]
+    for lease in leases:
+        saving.drop(lease)
+    store.gate.set()
+    until(lambda: len(store.dropped) == len(leases))
+    assert store.dropped == leases
+    assert store.calls == [MOST_AT_ONCE, 0, MOST_AT_ONCE, 1]
+    saving.close()
 
 
 def test_close_writes_waiting_records_unless_the_store_fails(store: Store, heard: Heard) -> None:

@@ -18,8 +18,9 @@ MESSAGE_COST = 1.0
 EVENT_COST = 1.0
 REFUSAL_COST = 9.0
 """Added for a refused event: its answer costs the server several times as much as taking the event does."""
-RESUME_COST = 9.0
-"""Added for a resume: a look-ahead of frames, which is sent again, costs as much as many other answers."""
+RESUME_COST = REFUSAL_COST
+"""Added for a resume, whether or not it is refused: a look-ahead of frames, which is sent again, costs as much as many
+other answers."""
 CONSTRAINT_COST = 3.0
 """Added for each constraint that is set: converting it here and placing it in an engine takes as long as this many
 other events."""
@@ -53,11 +54,6 @@ class StreamBudget:
         self.charged += tokens
         self._bucket.charge(tokens, now)
         self._share.charge(tokens, now)
-
-    def give_back(self, tokens: float, now: float) -> None:
-        """Refund tokens that were charged in case of a refusal that did not come."""
-        self._bucket.give_back(tokens, now)
-        self._share.give_back(tokens, now)
 
     def charge_message(self, num_bytes: int, now: float) -> None:
         """Charge a message that has come; its events are charged as they are counted."""

@@ -16,7 +16,7 @@ from motiongen_server.errors import EventRefused
 from motiongen_server.models.registry import ModelRegistry
 from motiongen_server.rpc.budgets.loop_time import Work
 from motiongen_server.rpc.budgets.peer import Peer
-from motiongen_server.rpc.budgets.stream_budget import FREE, REFUSAL_COST, StreamBudget
+from motiongen_server.rpc.budgets.stream_budget import FREE, REFUSAL_COST, RESUME_COST, StreamBudget
 from motiongen_server.rpc.sessions.durability import Durability
 from motiongen_server.rpc.sessions.event_path import MAX_WAITING_EVENTS
 from motiongen_server.rpc.sessions.kept_sessions import KeptSessions
@@ -123,7 +123,8 @@ class StreamTakeOvers(StreamSessions):
         """
         num_bytes = event.open.ByteSize()
         self.peer.check_waiting(num_bytes)
-        self.budget.charge(REFUSAL_COST, now)  # anybody can make up tokens, and only the store knows them
+        # Before the store is asked: anybody can make up tokens, and only the store knows them.
+        self.budget.charge(RESUME_COST, now)
         opening = session_pb2.OpenSession()
         opening.CopyFrom(event.open)  # otherwise the whole message would stay in memory with it
         held_back = self._held_back.setdefault(event.session, _HeldBack())
@@ -151,8 +152,6 @@ class StreamTakeOvers(StreamSessions):
             token, record = await claimed(durability, opening, self.peer, self._models, asker)
             if not self.ended:  # otherwise its client has gone, and will come back, here or elsewhere
                 self._adopt(record, token, opening, key, durability, now)
-                self.budget.give_back(REFUSAL_COST, time.monotonic())
-                self._room.set()
         except NoRoom as error:
             self._refuse_take_over(error.refusal, self._hinted(error.refusal.outcome(key, 1), error.model.model_id))
         except EventRefused as refusal:

@@ -206,7 +206,7 @@ async def test_events_behind_a_take_over_are_bounded_and_processed_as_they_are_p
         line.send(event_seq, edit_constraints=path(event_seq))
     assert [seq for seq, _ in line.refusals()] == [8, 9, 10, 11], "there was no room for these"
     assert {reason for _, reason in line.refusals()} == {"TOO_MANY_PENDING_EVENTS"}
-    assert stream.budget.charged == 5 * REFUSAL_COST, "the resume until it succeeds, and each refusal"
+    assert stream.budget.charged == 5 * REFUSAL_COST, "the resume, and each refusal"
     assert 16_000 < peer.waiting_bytes == stream.num_waiting_bytes <= 20_000
 
     stream.budget.charge(1e6, time.monotonic())

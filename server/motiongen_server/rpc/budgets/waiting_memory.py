@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from operator import itemgetter
@@ -39,6 +39,16 @@ class Debtor(Protocol):
         """End it because of a fault of the server's own."""
 
 
+class ParkedSession(Protocol):
+    """A session that waits for its client."""
+
+    @property
+    def held_bytes(self) -> int: ...
+
+    def let_go_of_places(self) -> None:
+        """Free what can be spared without ending the session."""
+
+
 class Parked(Protocol):
     """Sessions that have no stream at present."""
 
@@ -49,16 +59,18 @@ class Parked(Protocol):
     def num_waiting_bytes(self) -> int: ...
 
     def let_go(self, num_bytes: int, sure_bytes: int) -> None:
-        """Free that many bytes, as far as possible without ending sessions that together hold no more than the other
-        number."""
+        """Free that many bytes, as far as they hold more than the other number, by ending sessions if need be."""
+
+    def by_peer(self) -> Mapping[str, Sequence[ParkedSession]]:
+        """Those that wait for their client, by the peer that they count for, the smallest first."""
 
 
 class WaitingMemory:
     """Accounts for clients' messages and engines' output that wait in memory: of streams, calls and parked sessions.
 
-    Beyond the budget, parked sessions first give up what they can spare, and all beyond a part of the budget. Then
-    streams and calls are ended: of the peer that has the most, the one that holds the most. A client with one large
-    stream is not ended for others that hold as much as they may on many small ones.
+    Beyond the budget, parked sessions first give up what they hold beyond a part of it. Then the peer that has the most
+    gives: first what its parked sessions can spare, then its streams and calls are ended, the largest first. A client
+    with one large stream is not ended for others that hold as much as they may on many small ones.
     Lives on the event loop, except num_bytes. on_begin: called when a holder that may hold memory begins.
     """
 
@@ -113,32 +125,42 @@ class WaitingMemory:
     def bound(self) -> None:
         """Look at all holders, and end those that hold the most until the rest fits into the budget."""
         live = [each for each in self._debtors() if each.refusal is None]
-        parked, held = self._num_parked_bytes, sum(each.num_waiting_bytes for each in live)
-        if parked + held > self._most and self._parked is not None:
-            self._parked.let_go(parked + held - self._most, self._most // PARKED_PART)
-            parked = self._num_parked_bytes
-        if parked + held > self._most:
-            held = self._ended(live, held, self._most - parked)
-        self._room = max(self._most - parked - held, self._most // LEAST_ROOM)
+        held = sum(each.num_waiting_bytes for each in live)
+        over = self._num_parked_bytes + held - self._most
+        if over > 0 and self._parked is not None:
+            self._parked.let_go(over, self._most // PARKED_PART)
+            over = self._num_parked_bytes + held - self._most
+        if over > 0:
+            over -= self._given(live, over)
+        self._room = max(-over, self._most // LEAST_ROOM)
 
-    def _ended(self, live: Sequence[Debtor], held: int, most: int) -> int:
-        """End holders until the rest holds no more than `most`. held: by all of them. Returns what the rest holds."""
+    def _given(self, live: Sequence[Debtor], over: int) -> int:
+        """Have the peers that hold the most give that many bytes, as far as possible. Returns how many they gave."""
         of_peers: defaultdict[str, list[tuple[int, Debtor]]] = defaultdict(list)
         for each in live:
             of_peers[each.peer_name].append((each.num_waiting_bytes, each))
-        totals = {name: sum(num_bytes for num_bytes, _ in of_peer) for name, of_peer in of_peers.items()}
-        for of_peer in of_peers.values():
+        by_peer = {} if self._parked is None else self._parked.by_peer()
+        parked = {name: list(sessions) for name, sessions in by_peer.items()}
+        totals = Counter({name: sum(each.held_bytes for each in sessions) for name, sessions in parked.items()})
+        for name, of_peer in of_peers.items():
+            totals[name] += sum(num_bytes for num_bytes, _ in of_peer)
             of_peer.sort(key=itemgetter(0))
-        while totals and held > most:
-            name = max(totals, key=totals.__getitem__)
-            num_bytes, debtor = of_peers[name].pop()
-            totals[name] -= num_bytes
-            held -= num_bytes
-            if not of_peers[name]:
+        given = 0
+        while totals and given < over:
+            name, freed = max(totals, key=totals.__getitem__), 0
+            if parked.get(name):
+                session = parked[name].pop()
+                freed = freed_by(session, session.let_go_of_places)
+            elif of_peers.get(name):
+                freed, debtor = of_peers[name].pop()
+                with alone(debtor):
+                    debtor.refuse(no_memory_left(self._most))
+            else:
                 del totals[name]
-            with alone(debtor):
-                debtor.refuse(no_memory_left(self._most))
-        return held
+                continue
+            totals[name] -= freed
+            given += freed
+        return given
 
     def _debtors(self) -> list[Debtor]:
         return [*list(self._streams.values()), *list(self._calls.values()), *list(self._requests)]
@@ -146,6 +168,13 @@ class WaitingMemory:
     @property
     def _num_parked_bytes(self) -> int:
         return 0 if self._parked is None else self._parked.num_waiting_bytes
+
+
+def freed_by(session: ParkedSession, free: Callable[[], object]) -> int:
+    """Free what a session holds; returns how many bytes that were."""
+    before = session.held_bytes
+    free()
+    return before - session.held_bytes
 
 
 @contextmanager

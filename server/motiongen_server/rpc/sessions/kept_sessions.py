@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import heapq
 import logging
 import secrets
 import time
-from collections.abc import Callable, Sequence
+from collections import defaultdict
+from collections.abc import Callable
 from contextlib import nullcontext
+from functools import partial
 
 from motiongen_server.engine.types import (
     Chunk,
@@ -22,6 +25,7 @@ from motiongen_server.engine.types import (
     SnapshotTaken,
 )
 from motiongen_server.models.registry import LoadedModel
+from motiongen_server.rpc.budgets.waiting_memory import freed_by
 from motiongen_server.rpc.sessions.durability import Durability
 from motiongen_server.rpc.sessions.entry import Carrier, SessionEntry
 from motiongen_server.rpc.sessions.event_path import close, end_waiting, refuse_waiting, without_needless_refusals
@@ -145,27 +149,36 @@ class KeptSessions:
             close(entry, reason, time.monotonic())
         return len(chosen)
 
+    def by_peer(self) -> dict[str, list[SessionEntry]]:
+        """Parked sessions by the peer that they count for, the smallest first."""
+        of_peers: defaultdict[str, list[SessionEntry]] = defaultdict(list)
+        for entry in sorted((self._away[key] for key in self._timers), key=lambda entry: entry.held_bytes):
+            of_peers[entry.place.peer.name].append(entry)
+        return of_peers
+
     def let_go(self, num_bytes: int, sure_bytes: int) -> None:
-        """Free that many bytes of what parked sessions hold, beginning with the largest.
+        """Free that many bytes, as far as parked sessions hold more than sure_bytes: of the peer that has the most, the
+        one that holds the most gives first.
 
         Placements and warnings are dropped first, so that a client that resumes still learns what became of its events.
-        If that is not enough, sessions are given up until the rest holds no more than sure_bytes: resumes are refused
-        as if grace_s had passed.
+        If that is not enough, sessions are given up: resumes are refused as if grace_s had passed.
         """
-        parked = sorted((self._away[key] for key in self._timers), key=lambda entry: entry.held_bytes, reverse=True)
-        num_bytes = self._freed(parked, SessionEntry.let_go_of_places, num_bytes)
-        parked.sort(key=lambda entry: entry.held_bytes, reverse=True)
-        self._freed(parked, self._give_up_for_room, min(num_bytes, self.num_waiting_bytes - sure_bytes))
+        num_bytes = min(num_bytes, self.num_waiting_bytes - sure_bytes)
+        num_bytes = self._freed(SessionEntry.let_go_of_places, num_bytes)
+        self._freed(self._give_up_for_room, num_bytes)
 
-    @staticmethod
-    def _freed(parked: Sequence[SessionEntry], free: Callable[[SessionEntry], None], num_bytes: int) -> int:
+    def _freed(self, free: Callable[[SessionEntry], None], num_bytes: int) -> int:
         """Have sessions free that many bytes. Returns how many are still to be freed."""
-        for entry in parked:
-            if num_bytes <= 0:
-                break
-            before = entry.held_bytes
-            free(entry)
-            num_bytes -= before - entry.held_bytes
+        of_peers = self.by_peer()
+        most = [(-sum(entry.held_bytes for entry in entries), name) for name, entries in of_peers.items()]
+        heapq.heapify(most)
+        while most and num_bytes > 0:
+            total, name = heapq.heappop(most)
+            entry = of_peers[name].pop()
+            freed = freed_by(entry, partial(free, entry))
+            num_bytes -= freed
+            if of_peers[name]:
+                heapq.heappush(most, (total + freed, name))
         return num_bytes
 
     def _give_up_for_room(self, entry: SessionEntry) -> None:

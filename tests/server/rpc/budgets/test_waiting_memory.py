@@ -173,8 +173,10 @@ async def test_parked_sessions_give_up_placements_before_a_stream_is_ended(kept:
 
 async def test_parked_sessions_are_closed_for_a_stream_down_to_their_part(kept: KeptSessions, resumes: Resumes) -> None:
     sessions = [parked(kept, number) for number in range(1, 9)]
-    kept.let_go(1 << 30, 1 << 30)
+    kept.let_go(kept.num_waiting_bytes // 2, 0)
     assert (kept.num_parked, resumes.counted) == (8, []), "placements and warnings were enough"
+    for entry in kept.by_peer()[""]:
+        entry.let_go_of_places()
     waiting = kept.num_waiting_bytes
     stream = holding(waiting // (4 * ROW_WIDTH))
     assert waiting < stream.num_waiting_bytes < 1.5 * waiting

@@ -31,6 +31,45 @@ async def test_largest_holder_of_the_peer_with_the_most_is_ended() -> None:
     assert [each.refusal for each in small[:2]] == [None, None]
 
 
+async def test_placements_of_absent_clients_are_not_dropped_for_what_another_peer_does_not_read() -> None:
+    kept = KeptSessions(30.0)
+    _, token = parked(kept)
+    entry = kept.find(token)
+    assert entry is not None
+    before = entry.held_bytes
+    others = [Holding(before * half // 2, peer_name="ipv4:10.0.0.7") for half in (4, 5)]
+    memory = WaitingMemory(5 * before, {}, kept)
+    for number, call in enumerate(others):
+        memory.begin(number, call)
+    memory.bound()
+    assert [call.refusal is not None for call in others] == [False, True]
+    assert entry.held_bytes == before
+    memory.end(1)
+    memory.begin(2, own := Holding(before * 5 // 2))
+    memory.bound()
+    assert own.refusal is None, "its peer holds the most, and its session can spare this"
+    assert entry.held_bytes < before
+
+
+async def test_parked_sessions_of_the_peer_with_the_most_give_first() -> None:
+    """A client with one large session must not lose it for those that hold more on many small ones."""
+    kept = KeptSessions(30.0)
+    large, *small = (kept.find(parked(kept, number)[1]) for number in range(1, 6))
+    assert large is not None
+    for entry in small:
+        assert entry is not None
+        entry.place.peer.name = "ipv4:10.0.0.7"
+    large.answers.keep(Outcome(large.key, 3, Code.OK))
+    held = large.held_bytes
+    kept.let_go(1, 0)
+    assert (large.held_bytes, kept.num_parked) == (held, 5)
+    for entries in kept.by_peer().values():
+        for entry in entries:
+            entry.let_go_of_places()
+    kept.let_go(held := large.held_bytes, 0)
+    assert (large.held_bytes, kept.num_parked) == (held, 3), "two of the others, which held twice as much together"
+
+
 async def test_sessions_are_given_up_by_what_they_hold_without_placements() -> None:
     """A session with one answer, which had placements, holds less in the end than one with two."""
     kept = KeptSessions(30.0)

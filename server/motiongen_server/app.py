@@ -111,8 +111,8 @@ class Application:
     async def _open(self) -> None:
         config = self._config
         folder, asked = state_folder(config.state_dir), config.snapshot_store
-        snapshots = await asyncio.to_thread(open_snapshot_store, asked, config.snapshot_keep_s, folder)
-        self._snapshots = snapshots
+        open_store = partial(open_snapshot_store, asked, config.snapshot_keep_s, folder)
+        self._snapshots = snapshots = await self._unless_stopped(start_in_background(open_store, "opening"))
         if snapshots is None:
             config = replace(config, snapshot_store=NONE)  # engines take no snapshots without a store
         self._loop = asyncio.get_running_loop()

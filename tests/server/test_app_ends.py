@@ -6,6 +6,7 @@ import asyncio
 import socket
 import threading
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import grpc
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
 from motiongen_compliance.talk import Talk
+from motiongen_server import app
 from motiongen_server.app import SERVICE_NAME, Application, StoppedEarly
 from motiongen_server.settings import SettingError
 from tests.contract.local import LengthEncoder
@@ -65,6 +67,27 @@ async def test_stop_request_while_loading_does_not_wait_for_the_model() -> None:
         assert refused.value.code() is grpc.StatusCode.UNAVAILABLE
         await application.stop_ops()
     slow.may_end.set()
+
+
+async def test_stop_request_does_not_wait_for_a_store_that_another_process_holds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loop, begun, may_end = asyncio.get_running_loop(), asyncio.Event(), threading.Event()
+
+    def opened_late(*_: object) -> None:
+        loop.call_soon_threadsafe(begun.set)
+        assert may_end.wait(LIMIT_S)
+
+    monkeypatch.setattr(app, "open_snapshot_store", opened_late)
+    async with asyncio.timeout(LIMIT_S):
+        application = application_of(config(snapshot_store=f"sqlite:{tmp_path}/a.sqlite"))
+        starting = asyncio.create_task(application.start())
+        await begun.wait()
+        application.ask_to_stop()
+        with pytest.raises(StoppedEarly):
+            await starting
+        await application.stop_ops()
+    may_end.set()
 
 
 class SlowlyMade(InProcessEngines):

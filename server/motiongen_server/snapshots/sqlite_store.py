@@ -14,6 +14,8 @@ from motiongen_server.snapshots.store import Held, Lease, Renewal, StoreFailed
 
 BUSY_S = 0.5
 """How long a call waits for another process that writes."""
+OPEN_S = 10.0
+"""How long opening the file waits for that. A server that gave up sooner would not start, or save nothing ever."""
 INCREMENTAL = 2
 """SQLite's number for files that can be shortened bit by bit."""
 _SCHEMA = """
@@ -64,7 +66,9 @@ class SqliteStore:
     """Has one connection per thread. Times in the file are wall-clock times, since other processes read them too."""
 
     def __init__(self, path: Path, keep_s: float, clock: Callable[[], float] = time.time) -> None:
-        """keep_s: how long a record stays without being renewed. Raises StoreFailed if the file cannot be used."""
+        """keep_s: how long a record stays without being renewed. Raises StoreFailed if the file cannot be used, after
+        OPEN_S at most.
+        """
         self._path = path
         self._keep_s = keep_s
         self._clock = clock
@@ -78,7 +82,7 @@ class SqliteStore:
         except OSError as error:
             raise StoreFailed(f"cannot keep snapshots in {path}: {error}") from error
         # Another program's file may have a different table of that name: better to fail now than at the first session.
-        self._do(lambda connection: [connection.execute(each) for each in (_SCHEMA, _CHECK, _INDEX)])
+        self._do(lambda connection: [connection.execute(each) for each in (_SCHEMA, _CHECK, _INDEX)], OPEN_S)
 
     def __str__(self) -> str:
         return f"sqlite:{self._path}"
@@ -128,11 +132,12 @@ class SqliteStore:
             while self._at_rest:  # closing a connection that is in use would crash the process
                 self._at_rest.pop().close()
 
-    def _do(self, work: Callable[[sqlite3.Connection], Result]) -> Result:
-        """Do the work in one write transaction. Raises StoreFailed."""
+    def _do(self, work: Callable[[sqlite3.Connection], Result], busy_s: float = BUSY_S) -> Result:
+        """Do the work in one write transaction. busy_s: how long to wait for its turn. Raises StoreFailed."""
         try:
             with self._used(self.connection()) as connection:
                 with closing(connection.cursor()) as cursor:
+                    cursor.execute(f"PRAGMA busy_timeout = {round(1000 * busy_s)}")
                     cursor.execute("BEGIN IMMEDIATE")
                 with connection:
                     return work(connection)

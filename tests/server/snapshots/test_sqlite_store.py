@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from motiongen_server.snapshots import sqlite_store
 from motiongen_server.snapshots.sqlite_store import (
     LEAST_FREE_PAGES,
     MOST_EXPIRED,
@@ -143,6 +144,31 @@ def test_new_file_has_the_page_size_for_records(tmp_path: Path) -> None:
     SqliteStore(tmp_path / "a.sqlite", KEEP_S).close()
     with closing(sqlite3.connect(tmp_path / "a.sqlite")) as made:
         assert made.execute("PRAGMA page_size").fetchone() == (PAGE_BYTES,)
+
+
+class Beginning(SqliteStore):
+    """Says when it is about to ask for its turn to write."""
+
+    has_begun = threading.Event()
+
+    def connection(self) -> sqlite3.Connection:
+        connection = super().connection()
+        connection.set_trace_callback(lambda statement: self.has_begun.set() if "BEGIN" in statement else None)
+        return connection
+
+
+def test_opening_waits_longer_for_another_process_than_calls_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Otherwise a server would not start, or save nothing, since another was stopped for a moment while it wrote."""
+    SqliteStore(tmp_path / "a.sqlite", KEEP_S).close()
+    monkeypatch.setattr(sqlite_store, "BUSY_S", 0.0)
+    with closing(sqlite3.connect(tmp_path / "a.sqlite", isolation_level=None)) as other, ThreadPoolExecutor(1) as pool:
+        other.execute("BEGIN IMMEDIATE")
+        opening = pool.submit(Beginning, tmp_path / "a.sqlite", KEEP_S)
+        assert Beginning.has_begun.wait(LIMIT_S)
+        other.execute("COMMIT")
+        opening.result(LIMIT_S).close()
 
 
 def test_a_file_of_sessions_is_for_its_owner_only(tmp_path: Path) -> None:

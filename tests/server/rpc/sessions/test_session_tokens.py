@@ -9,7 +9,17 @@ from pathlib import Path
 import pytest
 
 from motiongen.v1 import session_pb2
-from motiongen_server.engine.types import Open, Resume, Resumed, SessionKey, SnapshotTaken
+from motiongen_server.engine.types import (
+    Closed,
+    CloseReason,
+    Code,
+    Durable,
+    Open,
+    Resume,
+    Resumed,
+    SessionKey,
+    SnapshotTaken,
+)
 from motiongen_server.errors import EventRefused
 from motiongen_server.rpc.budgets.peer import Peer
 from motiongen_server.rpc.limits import PeerLimits
@@ -178,6 +188,41 @@ async def test_previous_token_resumes_an_adopted_session_without_the_store(
         again.stream.lose()
     assert line.engine.kinds() == [Open, Resume, Resume]
     assert servers.store.renew([lease_of(SECOND)]) == [Renewal.KEPT]
+
+
+@pytest.mark.parametrize("how", ["is being closed", "has ended"])
+async def test_previous_token_does_not_resume_a_session_that_ends_here(servers: Servers, how: str) -> None:
+    """It would be told of the end, but can continue from the store."""
+    line = await servers.adopted()
+    assert servers.kept.resumed_by(FIRST) is not None
+    if how == "is being closed":
+        line.stream.close_all(CloseReason.DRAINED)
+    else:
+        line.stream.lose()
+        carrier = servers.kept.carrier_of(KEY)
+        assert carrier is not None
+        carrier.take(Closed(KEY, CloseReason.ENGINE_FAULT, Code.UNAVAILABLE, "lost", 0, 0))
+    assert servers.kept.find(SECOND) is not None
+    assert servers.kept.resumed_by(FIRST) is None
+
+
+async def test_end_of_a_session_that_came_back_to_its_server_leaves_the_new_one_its_tokens(servers: Servers) -> None:
+    """Its server may find out only after the client has come back that another had it meanwhile."""
+    await servers.adopted()
+    assert await servers.ask_other(SECOND) == THIRD
+    line = servers.line(2)
+    line.send(1, open=servers.resuming(THIRD))
+    await until_true(lambda: bool(line.engine.events))
+    servers.one.fenced([lease_of(SECOND)])
+    assert servers.kept.resumed_by(THIRD) is servers.kept.find("secret.4") is not None
+
+
+async def test_session_adopted_while_the_store_is_in_doubt_does_not_count_as_saved(servers: Servers) -> None:
+    servers.one.writer._doubt("the disk is slow")
+    await servers.adopted()
+    entry = servers.kept.find(SECOND)
+    assert entry is not None
+    assert entry.durable == Durable(KEY, RECORD.taken_seq, is_kept=False)
 
 
 async def test_take_over_reads_again_if_another_took_the_session_in_between(

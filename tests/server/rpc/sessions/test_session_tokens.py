@@ -37,6 +37,8 @@ from tests.waiting import until_true
 
 FIRST, SECOND, THIRD = (f"secret.{epoch}" for epoch in (1, 2, 3))
 NAME = lease_of(FIRST).name
+ENDLESS = f"secret.{'9' * 5000}"
+"""More digits than Python turns into a number."""
 KEY = SessionKey(1, HANDLE)
 
 
@@ -101,7 +103,7 @@ async def servers(tmp_path: Path) -> AsyncIterator[Servers]:
     await servers.close()
 
 
-@pytest.mark.parametrize("token", ["secret.0", SECOND, "secret.77", "secret.999999999999"])
+@pytest.mark.parametrize("token", ["secret.0", SECOND, "secret.77", "secret.999999999999", ENDLESS])
 async def test_token_that_was_never_issued_takes_nothing_over(servers: Servers, token: str) -> None:
     assert await servers.ask_other(token) == "SESSION_NOT_KEPT"
     assert servers.store.renew([lease_of(FIRST)]) == [Renewal.KEPT]
@@ -152,7 +154,7 @@ async def test_previous_token_is_invalid_once_the_newest_was_used_to_resume(serv
     assert await servers.ask_other(SECOND) == "SESSION_NOT_KEPT"
 
 
-@pytest.mark.parametrize("token", [FIRST, "secret.77"])
+@pytest.mark.parametrize("token", [FIRST, "secret.77", ENDLESS])
 async def test_invalid_tokens_are_refused_by_the_server_that_parks_the_session_too(
     servers: Servers, token: str
 ) -> None:

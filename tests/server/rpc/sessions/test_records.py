@@ -14,9 +14,12 @@ from motiongen_server.engine.types import (
     Closed,
     CloseReason,
     Code,
+    ConstraintReached,
     Durable,
     Outcome,
     SaveAgain,
+    ServiceLevel,
+    ServiceTier,
     SessionKey,
     SnapshotTaken,
     Warned,
@@ -96,6 +99,16 @@ async def test_record_has_no_answers_to_events_after_the_last_taken(saving: Savi
     saving.line.stream.take(Outcome(KEY, 3, Code.OK))
     record = await saving.record(1)
     assert (record.taken_seq, record.answers) == (1, ())
+
+
+async def test_record_has_what_a_client_that_resumes_elsewhere_is_told_and_the_last_attempt(saving: Saving) -> None:
+    """Without the attempt, an older resume that was delayed could take the session from its client."""
+    level = ServiceLevel(KEY, ServiceTier.FEWER_STEPS, 3)
+    reached = ConstraintReached(KEY, 3, False, 5, 1, None, None, None)
+    saving.line.stream.take(level, reached)
+    saving.entry.attempt = 7
+    record = await saving.record(1)
+    assert (record.attempt, record.level, record.reached) == (7, level, (reached,))
 
 
 async def test_client_is_told_of_each_change_of_durability_once(saving: Saving) -> None:

@@ -77,8 +77,8 @@ async def test_refused_take_over_leaves_the_session_with_its_server(
 async def test_owner_takes_its_session_over_and_fences_the_other_server(
     durability: Durability, store: SqliteStore
 ) -> None:
-    peer = Peer(PeerLimits(), 0.0, "studio")
-    token, record = await claimed(durability, resuming(9), peer, of_model("fake"), Asker())
+    peer, opening = Peer(PeerLimits(), 0.0, "studio"), resuming(9, answered_seq=RECORD.taken_seq)
+    token, record = await claimed(durability, opening, peer, of_model("fake"), Asker())
     assert (token, record.taken_seq) == ("secret.2", RECORD.taken_seq)
     assert store.renew([lease_of(TOKEN)]) == [Renewal.FENCED]
 

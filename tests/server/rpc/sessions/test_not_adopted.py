@@ -8,6 +8,7 @@ from pathlib import Path
 from motiongen.v1 import session_pb2
 from motiongen_server.engine.types import Code, Event, Open, Outcome
 from motiongen_server.rpc.sessions.durability import Durability, lease_of
+from motiongen_server.rpc.sessions.event_path import MAX_WAITING_EVENTS
 from motiongen_server.rpc.sessions.kept_sessions import KeptSessions
 from motiongen_server.snapshots.record import write_record
 from tests.server.rpc.sessions.test_taking_over import RECORD, TOKEN, SlowStore, of_model, resuming
@@ -66,6 +67,18 @@ async def test_events_wait_for_the_take_over_but_playheads_are_dropped(tmp_path:
     await until_true(lambda: len(line.engine.events) == 2)
     line.send(0, playhead=session_pb2.Playhead(frame=70))
     assert [event.event_seq for event in line.engine.events] == [1, RECORD.taken_seq + 1, 0]
+    await until_true(lambda: not line.stream.peer.waiting_bytes)
+    await asyncio.to_thread(durability.close)
+
+
+async def test_no_more_events_wait_for_a_take_over_than_for_prompts(tmp_path: Path) -> None:
+    line, store, durability = asking(tmp_path)
+    line.send(1, open=resuming(9))
+    first = RECORD.taken_seq + 1
+    for event_seq in range(first, first + MAX_WAITING_EVENTS + 1):
+        line.send(event_seq, set_play_state=PAUSE)
+    assert line.refusals() == [(first + MAX_WAITING_EVENTS, "TOO_MANY_PENDING_EVENTS")]
+    store.gate.set()
     await until_true(lambda: not line.stream.peer.waiting_bytes)
     await asyncio.to_thread(durability.close)
 

@@ -172,6 +172,7 @@ class Conversation(Recovery):
                 held = self.playback.held_rows(first - 1, first)
                 rows = self._reader.rows(chunk, held[0] if held else None)
                 self.playback.add_chunk(chunk.plan, first, rows, convert.frame(chunk.committed_to, offset))
+                self._patience.reset()
                 self._note_frames(len(rows), first + len(rows))
             case "outcome":
                 self._hear_outcome(update.outcome)

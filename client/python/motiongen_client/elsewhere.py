@@ -62,8 +62,9 @@ class Elsewhere:
 
     async def _move(self, stream: Stream, session: Session, refusal: EventRefused) -> None:
         call = stream.call_number
+        session.asked.add(stream.replica_id)  # full servers that name each other would be asked in turn without end
         try:
-            following = await self._next(refusal, {stream.replica_id})
+            following = await self._next(refusal, session.asked)
         except Exception as fault:  # of the token function, whose own network may be down too
             _log.warning("session %d cannot go on at another server: %s", session.handle, fault)
             following = None

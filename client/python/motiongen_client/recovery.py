@@ -26,7 +26,8 @@ class Recovery(Reopening):
     def __init__(self, handle: int, carrier: Carrier, catalog: Catalog, clock: Callable[[], float]) -> None:
         super().__init__(handle, carrier, catalog, clock)
         self._num_resumes = 0
-        self._patience = Backoff()
+        self.asked: set[str] = set()  # names of the servers that had no room for it since it last waited
+        self._patience = Backoff()  # reset when frames come: servers may open a session and close it at once, for ever
 
     # ---- for the stream
 
@@ -59,6 +60,7 @@ class Recovery(Reopening):
 
     def wait_for_room(self, refusal: EventRefused) -> None:
         """Neither the server nor another has free capacity: ask again after the time that the refusal states."""
+        self.asked.clear()
         self._later(self._resume if self._token else self._reopen_again, refusal.retry_after_s or 0.0)
 
     def move(self, handle: int, carrier: Carrier, catalog: Catalog, *, now: bool) -> None:
@@ -105,7 +107,7 @@ class Recovery(Reopening):
         else:
             raise ProtocolViolation("a session was opened that had not been asked for")
         self._token = token
-        self._patience.reset()
+        self.asked.clear()
         self._carrier.report_soon()
 
     def _hear_refused_opening(self, refusal: EventRefused) -> None:

@@ -114,7 +114,7 @@ class Session:
 
     @property
     def reopenings(self) -> tuple[Reopened, ...]:
-        """One entry for each time that the session could not be resumed and was opened anew."""
+        """One entry for each time that the session could not be resumed and was opened anew, of the last 256."""
         return self._inner.reopenings
 
     @property

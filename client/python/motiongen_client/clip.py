@@ -38,8 +38,9 @@ _log = logging.getLogger(__name__)
 
 @dataclass(eq=False)
 class _Sample:
-    """What has arrived of one sample."""
+    """What has arrived of one sample. num_constraints: of the request."""
 
+    num_constraints: int
     rows: list[Float32] = field(default_factory=list)
     num_frames: int = 0
     opened: Opened | None = None
@@ -69,14 +70,15 @@ class _Sample:
                 self.rows.append(reader.rows(response.chunk, self.rows[-1][-1] if self.rows else None))
                 self.num_frames += len(self.rows[-1])
             case "summary":
-                self.residuals = tuple(convert.residual(one) for one in response.summary.residuals)
+                came = response.summary.residuals
+                if len(came) != self.num_constraints:
+                    raise ProtocolViolation(f"{len(came)} residuals came for {self.num_constraints} constraints")
+                self.residuals = tuple(convert.residual(one) for one in came)
 
-    def clip(self, rig: Rig, num_frames: int, num_constraints: int) -> Clip:
+    def clip(self, rig: Rig, num_frames: int) -> Clip:
         """The complete sample, once the call has ended. Raises ProtocolViolation if a part is missing."""
         if self.opened is None or self.residuals is None or self.num_frames != num_frames:
             raise ProtocolViolation(f"a clip of {num_frames} frames ended after {self.num_frames}")
-        if len(self.residuals) != num_constraints:
-            raise ProtocolViolation(f"{len(self.residuals)} residuals came for {num_constraints} constraints")
         motion = Motion(rig, 0, np.concatenate(self.rows))
         opened = self.opened
         return Clip(opened.model_id, opened.seed, opened.denoise_steps, motion, self.residuals, opened.warnings)
@@ -111,7 +113,10 @@ async def generate_clip(
     spans = [convert.prompt_span(number, timeline[frame], frame) for number, frame in enumerate(sorted(timeline), 1)]
     targets = [convert.constraint(number, target) for number, target in enumerate(constraints, 1)]
     request = convert.generate_clip(convert.open_session(options, spans, targets), num_frames, num_samples)
-    samples, reader = [_Sample() for _ in range(num_samples)], convert.FrameReader(rig, options.frame_format)
+    samples, reader = (
+        [_Sample(len(constraints)) for _ in range(num_samples)],
+        convert.FrameReader(rig, options.frame_format),
+    )
     call = stub.GenerateClip(request, timeout=None if timeout_s is None else min(timeout_s, MOST_TIMEOUT_S))
     try:
         while isinstance(response := await answer_of(call.read()), service_pb2.GenerateClipResponse):
@@ -124,7 +129,7 @@ async def generate_clip(
         raise error_of(failure, "the clip", address) from None
     finally:
         call.cancel()  # a server that broke a rule would go on sending; no effect if the call has ended
-    clips = [sample.clip(rig, num_frames, len(constraints)) for sample in samples]
+    clips = [sample.clip(rig, num_frames) for sample in samples]
     for warning in clips[0].warnings:  # the other samples have the same
         _log.warning("%s", warning.message)
     return clips

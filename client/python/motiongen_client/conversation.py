@@ -158,7 +158,7 @@ class Conversation(Recovery):
             raise ProtocolViolation("a service level came before the session was opened")
         match kind:
             case "opened":
-                self._hear_opened(convert.opened(update.opened, self._offset), update.opened.session_token)
+                self._hear_opened(convert.opened(update.opened, self._offset), convert.session_token(update.opened))
             case "plan":
                 valid_from = convert.frame(update.plan.valid_from, self._offset)
                 is_cut = update.plan.cause == session_pb2.PLAN_CAUSE_CUT

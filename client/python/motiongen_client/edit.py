@@ -113,7 +113,7 @@ class EditBook:
 
     def __init__(self) -> None:
         self._unanswered: dict[int, Edit] = {}  # by event number
-        self._unseen: list[tuple[int, Edit]] = []  # each with the first frame that shows it
+        self._unseen: dict[Edit, int] = {}  # each with the first frame that shows it
 
     @property
     def is_waiting(self) -> bool:
@@ -135,24 +135,26 @@ class EditBook:
 
     def plan(self, event_seqs: Iterable[int], valid_from: int) -> None:
         """Note that a plan was announced in which these events first take effect."""
-        self._unseen += [(valid_from, self._unanswered[seq]) for seq in event_seqs if seq in self._unanswered]
+        for seq in event_seqs:
+            if (edit := self._unanswered.get(seq)) is not None:
+                self._unseen[edit] = min(valid_from, self._unseen.get(edit, valid_from))
 
     def answer(self, edit: Edit, answer: Outcome | EventRefused) -> None:
         """Settle an edit with the server's answer."""
         del self._unanswered[edit.event_seq]
         edit.settle(answer)
-        is_planned = edit.latency_s is not None or any(edit is unseen for _, unseen in self._unseen)
+        is_planned = edit.latency_s is not None or edit in self._unseen
         if isinstance(answer, Outcome) and answer.effective_frame is not None and not is_planned:
-            self._unseen.append((answer.effective_frame, edit))  # it takes effect beyond everything planned so far
+            self._unseen[edit] = answer.effective_frame  # it takes effect beyond everything planned so far
 
     def receive(self, end_frame: int, now_s: float) -> None:
         """Note that frames up to end_frame - 1 have arrived."""
         if not self._unseen:
             return
-        for frame, edit in self._unseen:
+        for edit, frame in self._unseen.items():
             if frame < end_frame:
                 edit.note_first_frame(now_s)
-        self._unseen = [(frame, edit) for frame, edit in self._unseen if frame >= end_frame]
+        self._unseen = {edit: frame for edit, frame in self._unseen.items() if frame >= end_frame}
 
     def renumber(self, numbers: Mapping[int, int]) -> None:
         """Give the events new numbers (old -> new). Events without one will not be sent again: they are refused."""

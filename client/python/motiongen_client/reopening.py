@@ -27,6 +27,8 @@ from motiongen_client.types import Catalog, Opened, Priority, Reopened, SessionO
 from motiongen_client.wishes import Wishes
 
 _log = logging.getLogger(__name__)
+MOST_REOPENINGS = 256
+"""Limit on the reopenings that are remembered: where no server keeps a session for long, there is no end of them."""
 _AROUND_ROWS_BYTES = 64  # tags, lengths and numbers of the messages around rows
 
 
@@ -43,7 +45,8 @@ class Line(enum.Enum):
 class Reopening(Direction):
     """The part of a `Session` that knows how it was opened, and opens it anew.
 
-    reopenings: one entry for each time that the session was opened anew; `on_reopened`, if set, is called with it.
+    reopenings: one entry for each time that the session was opened anew, of the last 256; `on_reopened`, if set, is
+    called with it.
     is_durable: whether its server saves it, so that another can continue it; `on_durability`, if set, is called when
     that changes. durable_seq: events up to this number survive the loss of the server.
     """
@@ -64,6 +67,7 @@ class Reopening(Direction):
         self.on_durability: Callable[[bool], None] | None = None
         self._wishes = Wishes()
         self.reopenings: tuple[Reopened, ...] = ()
+        self._num_reopenings = 0
         self.on_reopened: Callable[[Reopened], None] | None = None
 
     def fail(self, failure: MotiongenError) -> None:
@@ -237,7 +241,8 @@ class Reopening(Direction):
         if self._failure is not None:
             return
         told = Reopened(self._offset, self._reason)
-        self.reopenings = (*self.reopenings, told)
+        self.reopenings = (*self.reopenings[1 - MOST_REOPENINGS :], told)
+        self._num_reopenings += 1
         _log.warning("session %d was opened anew at frame %d: %s", self.handle, told.frame, told.reason)
         call_back(self.on_reopened, told)
 

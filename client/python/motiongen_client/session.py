@@ -116,7 +116,7 @@ class Session(Conversation):
             underruns=self.playback.underruns,
             late_plans=self.playback.late_plans,
             resumes=self._num_resumes,
-            reopenings=len(self.reopenings),
+            reopenings=self._num_reopenings,
         )
 
     def frame_in(self, seconds: float) -> int:

@@ -281,7 +281,7 @@ class Stream:
     def _take(self, response: service_pb2.StreamMotionResponse) -> None:
         match response.WhichOneof("stream_event"):
             case "hello":
-                self.replica_id = response.hello.replica_id
+                self.replica_id = convert.text(response.hello.replica_id)
             case "goodbye":
                 self.draining = True
                 self._calls.reconnect_after_s = convert.seconds(response.goodbye.reconnect_after)

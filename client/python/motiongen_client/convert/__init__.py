@@ -11,6 +11,8 @@ from motiongen_client.convert.answers import (
     seconds,
     service_level,
     session_end,
+    session_token,
+    text,
     warnings,
 )
 from motiongen_client.convert.catalogs import catalog, rig
@@ -29,5 +31,6 @@ from motiongen_client.convert.requests import (
 __all__ = [
     "FrameReader", "catalog", "check_outputs", "code_name", "constraint", "constraint_reached", "frame",
     "generate_clip", "open_session", "opened", "other_servers", "outcome", "ping", "prompt_span", "residual", "rig",
-    "seconds", "seek", "service_level", "session_end", "set_options", "warnings",
+    "seconds", "seek", "service_level", "session_end", "session_token", "set_options", "text",
+    "warnings",
 ]  # fmt: skip

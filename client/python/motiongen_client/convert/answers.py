@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import islice
 
 from google.protobuf.duration_pb2 import Duration
@@ -23,6 +23,19 @@ from motiongen_client.types import (
 from motiongen_client.types.checks import MOST_FRAME
 
 _MOST_OTHER_SERVERS = 3  # the contract's limit; each may be called in turn
+MOST_CHARACTERS = 4096
+"""Limit on each text of an answer that is kept, far above those of honest servers."""
+MOST_WARNINGS = 64
+"""Limit on the warnings of an answer that are kept. There is one for each kind of mistake, or for each prompt."""
+MOST_PLACEMENTS = 16384
+"""Limit on the placements of an answer: one for each constraint that a request of a MiB can hold."""
+WARNINGS_LEFT_OUT = "WARNINGS_LEFT_OUT"
+
+
+def text(given: str) -> str:
+    """A server's text as it is kept. If it is too long, it is cut, and says so at its end."""
+    left_out = len(given) - MOST_CHARACTERS
+    return given if left_out <= 0 else f"{given[:MOST_CHARACTERS]}… ({left_out} more characters were left out)"
 
 
 def frame(number: int, offset: int = 0) -> int:
@@ -38,11 +51,11 @@ def frame(number: int, offset: int = 0) -> int:
 def opened(message: session_pb2.SessionOpened, offset: int = 0) -> Opened:
     """What the server chose. offset: as for `frame`."""
     return Opened(
-        session_id=message.session_id,
+        session_id=text(message.session_id),
         seed=message.seed,
         start_frame=frame(message.start_frame, offset),
-        rig_id=message.rig_id,
-        model_id=message.model_id,
+        rig_id=text(message.rig_id),
+        model_id=text(message.model_id),
         frame_rate_hz=message.frame_rate,
         lookahead_frames=message.lookahead_frames,
         committed_horizon_frames=message.committed_horizon_frames,
@@ -53,8 +66,18 @@ def opened(message: session_pb2.SessionOpened, offset: int = 0) -> Opened:
     )
 
 
-def placements(messages: Iterable[motion_pb2.ConstraintPlacement], offset: int = 0) -> tuple[Placement, ...]:
-    """Where constraints were placed. offset: as for `frame`."""
+def session_token(message: session_pb2.SessionOpened) -> str:
+    """The token by which a session is resumed. Raises ProtocolViolation if it is too long: cut, it would be useless."""
+    if len(message.session_token) > MOST_CHARACTERS:
+        given = f"a session token has {len(message.session_token)} characters"
+        raise ProtocolViolation(f"{given}; at most {MOST_CHARACTERS} are kept")
+    return message.session_token
+
+
+def placements(messages: Sequence[motion_pb2.ConstraintPlacement], offset: int = 0) -> tuple[Placement, ...]:
+    """Where constraints were placed. offset: as for `frame`. Raises ProtocolViolation if there are too many."""
+    if len(messages) > MOST_PLACEMENTS:
+        raise ProtocolViolation(f"an answer has {len(messages)} placements; at most {MOST_PLACEMENTS} are kept")
     return tuple(
         Placement(
             constraint_id=each.constraint_id,
@@ -70,12 +93,17 @@ def placements(messages: Iterable[motion_pb2.ConstraintPlacement], offset: int =
     )
 
 
-def warnings(messages: Iterable[session_pb2.EventWarning]) -> tuple[ModelWarning, ...]:
-    return tuple(ModelWarning(each.reason, each.message, each.field) for each in messages)
+def warnings(messages: Sequence[session_pb2.EventWarning]) -> tuple[ModelWarning, ...]:
+    """The first of the warnings; if there are too many, a last one says how many were left out."""
+    first = [ModelWarning(text(each.reason), text(each.message), text(each.field)) for each in messages[:MOST_WARNINGS]]
+    if (left_out := len(messages) - MOST_WARNINGS) > 0:
+        first.append(ModelWarning(WARNINGS_LEFT_OUT, f"{left_out} more warnings of the server were left out", ""))
+    return tuple(first)
 
 
 def other_servers(messages: Iterable[session_pb2.OtherServer]) -> tuple[OtherServer, ...]:
-    return tuple(OtherServer(each.address, each.routing_key) for each in islice(messages, _MOST_OTHER_SERVERS))
+    first = islice(messages, _MOST_OTHER_SERVERS)
+    return tuple(OtherServer(text(each.address), text(each.routing_key)) for each in first)
 
 
 def outcome(message: session_pb2.EditOutcome, event: str, offset: int = 0) -> Outcome | EventRefused:
@@ -89,10 +117,10 @@ def outcome(message: session_pb2.EditOutcome, event: str, offset: int = 0) -> Ou
     return EventRefused(
         event,
         code,
-        message.reason,
-        message.message,
-        field=message.field,
-        allowed=message.allowed,
+        text(message.reason),
+        text(message.message),
+        field=text(message.field),
+        allowed=text(message.allowed),
         retry_after_s=retry_after_s,
         other_servers=other_servers(message.other_servers),
     )
@@ -118,7 +146,7 @@ def session_end(message: session_pb2.SessionClosed) -> SessionEnd:
     reason = session_pb2.CloseReason.Name(message.reason) if message.reason in _CLOSE_REASONS else "UNSPECIFIED"
     return SessionEnd(
         reason=reason.removeprefix("CLOSE_REASON_").lower(),
-        message=message.message,
+        message=text(message.message),
         frames=message.frames,
         late_frames=message.late_frames,
     )

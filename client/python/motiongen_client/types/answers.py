@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 class ModelWarning:
     """Says that something was accepted for which the model was not trained, so that the motion may not show it.
 
-    reason: PROMPT_OUTSIDE_DOMAIN, UNTRAINED_CONSTRAINT or UNTRAINED_SPEED; message: for people; field: its path in the
-    request.
+    reason: PROMPT_OUTSIDE_DOMAIN, UNTRAINED_CONSTRAINT or UNTRAINED_SPEED; or WARNINGS_LEFT_OUT if the server sent more
+    warnings than this client keeps. message: for people; field: its path in the request.
     """
 
     reason: str

@@ -252,12 +252,18 @@ def chunk_of(first_frame: int, count: int) -> Part:
     return Part(chunk=frames)
 
 
-OPENED, SUMMARY = Part(opened=opened()), Part(summary=service_pb2.ClipSummary())
+def summary_of(*residuals: service_pb2.ConstraintResidual) -> Part:
+    return Part(summary=service_pb2.ClipSummary(residuals=residuals))
+
+
+OPENED = Part(opened=opened())
 WRONG = {
-    "a chunk first": [chunk_of(0, 4)],
-    "frames without end": [OPENED, *(chunk_of(first, 4) for first in range(0, 4 * HORIZON, 4))],
-    "frames behind the summary": [OPENED, chunk_of(0, 8), SUMMARY, chunk_of(8, 4)],
-    "other outputs": [Part(opened=opened(outputs=[motion_pb2.ChannelBlock(name="g1_qpos", width=36)]))],
+    "before it was opened": [chunk_of(0, 4)],
+    "opened twice": [OPENED, OPENED, chunk_of(4, 4)],
+    "8 were asked for": [OPENED, *(chunk_of(first, 4) for first in range(0, 4 * HORIZON, 4))],
+    "after its summary": [OPENED, chunk_of(0, 8), summary_of(), chunk_of(8, 4)],
+    "1 residuals came for 0 constraints": [OPENED, chunk_of(0, 8), summary_of(service_pb2.ConstraintResidual())],
+    "g1_qpos": [Part(opened=opened(outputs=[motion_pb2.ChannelBlock(name="g1_qpos", width=36)]))],
 }
 
 
@@ -285,10 +291,10 @@ class Clips(FakeServer):
             yield Part()
 
 
-@pytest.mark.parametrize("parts", WRONG.values(), ids=WRONG)
-async def test_invalid_clip_raises_protocol_violation_and_ends_the_call(parts: list[Part]) -> None:
-    with Clips(parts) as server:
+@pytest.mark.parametrize("reason", WRONG)
+async def test_invalid_clip_raises_protocol_violation_and_ends_the_call(reason: str) -> None:
+    with Clips(WRONG[reason]) as server:
         async with MotionClient(server.address) as client:
-            with pytest.raises(ProtocolViolation):
+            with pytest.raises(ProtocolViolation, match=reason):
                 await client.generate_clip("walk", num_frames=8)
             await until(lambda: server.gone.is_set())

@@ -52,6 +52,8 @@ class _Sample:
             raise ProtocolViolation("a part of a clip came after its summary")
         match response.WhichOneof("part"):
             case "opened":
+                if self.opened is not None:
+                    raise ProtocolViolation("a clip was opened twice")
                 self.opened = convert.opened(response.opened)
                 convert.check_outputs(self.opened.outputs, list(reader.rig.outputs), reader.rig.with_outputs({}))
                 if self.opened.outputs != reader.rig.outputs:

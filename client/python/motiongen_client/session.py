@@ -252,18 +252,18 @@ class Session(Conversation):
         return False
 
     async def _wait(self, realtime: bool) -> None:
-        """Wait until the next frame is due, or, if it is overdue or no clock runs, until something arrives."""
+        """Wait until the next frame is due or something arrives, which may be another time scale, a pause or the end."""
         due_s = self.playback.next_due_s() if realtime else None
         if due_s is None:
             if self._failure is None:  # otherwise nothing will arrive
                 await self._changed.wait()
             return
         wait_s = due_s - self._clock()
-        if wait_s > 0 or self.playback.buffered_to > self.playback.playhead + 1:
-            await asyncio.sleep(max(wait_s, 0.0))  # a caller that is late gets the next frame at once
+        if wait_s <= 0 and self.playback.buffered_to > self.playback.playhead + 1:
+            await asyncio.sleep(0)  # a caller that is late gets the next frame at once
             return
         try:
-            async with asyncio.timeout(1 / self.rig.frame_rate_hz):
+            async with asyncio.timeout(wait_s if wait_s > 0 else 1 / self.rig.frame_rate_hz):
                 await self._changed.wait()
         except TimeoutError:
-            pass  # one more frame time without a new frame; `advance` counts it
+            pass  # the frame is due; or one more frame time has passed without a new one, which `advance` counts

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from motiongen_client.errors import InvalidInput, ProtocolViolation
+from motiongen_client.playback_clock import PlaybackClock
 from motiongen_client.types import check_frame, check_number, check_whole
 
 Rows = NDArray[np.float32]
@@ -28,9 +29,6 @@ MOST_AHEAD_BYTES = 2**28
 """Limit on frames ahead of the playhead, far above any credit."""
 MOST_CUTS_AHEAD = 64
 """Limit on announced cuts whose frames have not arrived."""
-
-# Frame times are inexact in binary, so frames count as due slightly early: one for 0.15 s already at 0.1499999 s.
-_EARLY_FRAMES = 1e-6
 
 
 class Playback:
@@ -56,10 +54,8 @@ class Playback:
         self.committed_to = start_frame
         self.plan = 0
         self.plan_from = start_frame
-        self.underruns = 0
         self.late_plans = 0
-        self._pace_hz = float(frame_rate_hz)
-        self._share = 0.0
+        self._clock = PlaybackClock(frame_rate_hz)
         self._keep_frames = keep_frames
         self._rows: list[Rows] = []
         self._first_kept = start_frame
@@ -68,9 +64,6 @@ class Playback:
         self._passed = range(0)  # frames that the latest late plan should have replaced, but that were shown
         self._started = False
         self._playing = True
-        self._due_s: float | None = None  # when the frame after the playhead is due; None: the clock starts anew
-        self._held_since_s: float | None = None
-        self._held_frames = 0
 
     @property
     def started(self) -> bool:
@@ -81,6 +74,11 @@ class Playback:
     def is_playing(self) -> bool:
         """Whether the playhead advances, or would if frames were available."""
         return self._playing
+
+    @property
+    def underruns(self) -> int:
+        """Frame times for which the last frame was held."""
+        return self._clock.underruns
 
     @property
     def buffered_to(self) -> int:
@@ -190,23 +188,10 @@ class Playback:
         if not self._playing or (not self._started and not self._rows):
             return range(0)
         if not self._started:
-            self._due_s = now_s + 1 / self._pace_hz
+            self._clock.begin(now_s)
             return self._start(self.playhead)
-        if self._due_s is None:
-            self._due_s = now_s + (1 - self._share) / self._pace_hz  # continue from the pose being shown
-        num_left = self.buffered_to - 1 - self.playhead
-        if self._held_since_s is not None and num_left > 0:
-            self._count_held(math.ceil((now_s - self._held_since_s) * self._pace_hz - _EARLY_FRAMES))
-            self._held_since_s = None
-            self._due_s = now_s
-        num_due = max(math.floor((now_s - self._due_s) * self._pace_hz + _EARLY_FRAMES) + 1, 0)
-        reached = self._move(min(num_due, num_left))
+        reached = self._move(self._clock.count_due(now_s, self.buffered_to - 1 - self.playhead))
         self._forget(reached.start)
-        if num_due > num_left:
-            if self._held_since_s is None:
-                self._held_since_s = self._due_s
-                self._held_frames = 0
-            self._count_held(math.floor((now_s - self._held_since_s) * self._pace_hz + _EARLY_FRAMES) + 1)
         return reached
 
     def advance_to(self, frame: int) -> range:
@@ -218,8 +203,7 @@ class Playback:
             raise InvalidInput("frame", frame, f"a frame from {self.playhead} to {self.buffered_to - 1}")
         reached = self._move(frame - self.playhead) if self._started else self._start(frame)
         self._forget(frame)
-        self._due_s = self._held_since_s = None
-        self._share = 0.0
+        self._clock.jump()
         return reached
 
     def pause(self) -> None:
@@ -229,25 +213,19 @@ class Playback:
     def resume(self) -> None:
         """Let the playhead continue: the clock restarts at the next `advance`, from the pose being shown."""
         self._playing = True
-        self._due_s = self._held_since_s = None
+        self._clock.stop()
 
     def set_time_scale(self, scale: float) -> None:
         """Play at another pace from the next `advance` on: 0.5 is half as fast. Raises InvalidInput if not positive."""
-        check_number("scale", scale, "a number above 0; pause to stand still", lambda each: 0 < each < math.inf)
-        self._pace_hz = self.frame_rate_hz * scale
-        self._due_s = self._held_since_s = None
+        self._clock.set_scale(scale)
 
     def share(self, now_s: float) -> float:
         """The elapsed share of the time from the playhead to the next frame, 0 to 1; constant while paused."""
-        if self._playing:
-            is_running = self._due_s is not None and self._held_since_s is None
-            left = (self._due_s - now_s) * self._pace_hz if is_running and self._due_s is not None else 1.0
-            self._share = min(max(1.0 - left, 0.0), 1.0)
-        return self._share
+        return self._clock.share(now_s) if self._playing else self._clock.last_share
 
     def next_due_s(self) -> float | None:
         """When the frame after the playhead is due, on the clock of `advance`; None while no clock runs."""
-        return self._due_s if self._playing else None
+        return self._clock.due_s if self._playing else None
 
     def row(self, frame: int) -> Rows:
         """(D,) float32, one frame. Raises InvalidInput if it is not held."""
@@ -277,16 +255,7 @@ class Playback:
     def _move(self, num_frames: int) -> range:
         first = self.playhead + 1
         self.playhead += num_frames
-        if num_frames:
-            self._share = 0.0
-        if self._due_s is not None:
-            self._due_s += num_frames / self._pace_hz
         return range(first, self.playhead + 1)
-
-    def _count_held(self, held_frames: int) -> None:
-        """Raise the count of the present hold to `held_frames` frame times."""
-        self.underruns += max(held_frames - self._held_frames, 0)
-        self._held_frames = max(held_frames, self._held_frames)
 
     def _forget(self, before: int) -> None:
         """Drop old frames, all of them before a frame: those that were newly reached are still to be read."""

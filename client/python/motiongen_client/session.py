@@ -252,7 +252,7 @@ class Session(Conversation):
         return False
 
     async def _wait(self, realtime: bool) -> None:
-        """Wait until the next frame is due or something arrives, which may be another time scale, a pause or the end."""
+        """Wait until the next frame is due, or something arrives; another time scale, a pause or the end count too."""
         due_s = self.playback.next_due_s() if realtime else None
         if due_s is None:
             if self._failure is None:  # otherwise nothing will arrive

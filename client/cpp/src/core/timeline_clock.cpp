@@ -12,6 +12,7 @@ FrameRange Timeline::advance(double now_s) {
   State& s = *state_;
   if (!s.playing || (!s.started && s.rows.size() == 0)) return {};
   if (!s.started) {
+    s.pace_hz = s.next_pace_hz;
     s.due_s = now_s + s.frame_s();
     s.start(s.playhead);
     return {s.playhead, s.playhead + 1};
@@ -33,6 +34,7 @@ FrameRange Timeline::advance(double now_s) {
     }
     s.count_held(count_of(std::floor((now_s - s.held_since_s) * s.pace_hz + kEarlyFrames) + 1));
   }
+  s.take_next_pace(now_s);
   return reached;
 }
 
@@ -68,11 +70,10 @@ void Timeline::resume() {
 
 Status Timeline::set_time_scale(double scale) {
   const double pace_hz = state_->options.frame_rate_hz * scale;
-  if (!(scale > 0) || !std::isfinite(pace_hz)) {
+  if (!(pace_hz > 0) || !std::isfinite(pace_hz) || !std::isfinite(1 / pace_hz)) {
     return invalid("scale", std::to_string(scale), "a number above 0; pause to stand still");
   }
-  state_->pace_hz = pace_hz;
-  state_->due_s = state_->held_since_s = kNever;
+  state_->next_pace_hz = pace_hz;
   return {};
 }
 

@@ -24,6 +24,7 @@ struct Timeline::State {
       : options(given),
         rows(given.row_width, capacity),
         pace_hz(given.frame_rate_hz),
+        next_pace_hz(given.frame_rate_hz),
         shown(given.row_width),
         apart(given.row_width) {
     cuts.reserve(8);
@@ -40,8 +41,9 @@ struct Timeline::State {
   std::uint32_t late_plans = 0;
   bool started = false;
   bool playing = true;
-  double pace_hz = 0;     // frames a second at the present time scale
-  double due_s = kNever;  // when the frame after the playhead is due; unset: the clock starts anew
+  double pace_hz = 0;       // frames a second at the present time scale
+  double next_pace_hz = 0;  // at the time scale that was set last
+  double due_s = kNever;    // when the frame after the playhead is due; unset: the clock starts anew
   double held_since_s = kNever;
   std::uint64_t held_frames = 0;
   std::vector<std::uint64_t> cuts;  // kept frames that do not continue the one before, ascending
@@ -79,6 +81,14 @@ struct Timeline::State {
     if (count > 0) blend = 0;
     if (is_set(due_s)) due_s += static_cast<double>(count) / pace_hz;
     return {first, playhead + 1};
+  }
+
+  // Run at the pace set last. What is over of a frame time counts, or setting it all the time would stop the clock.
+  void take_next_pace(double now_s) {
+    if (next_pace_hz == pace_hz) return;
+    due_s = now_s + (due_s - now_s) * pace_hz / next_pace_hz;  // unset ones stay unset
+    held_since_s = now_s + (held_since_s - now_s) * pace_hz / next_pace_hz;
+    pace_hz = next_pace_hz;
   }
 
   // Raise the frame count of the present hold, and underruns with it.

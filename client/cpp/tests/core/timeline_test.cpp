@@ -155,11 +155,23 @@ TEST(Timeline, TimeScaleSetsThePaceAndExtremeOnesAreRefused) {
   walk.plan(1, 0, 0);
   EXPECT_NEAR(walk.x_at(0.0), 0.0, 1e-5);
   ASSERT_TRUE(walk.timeline().set_time_scale(0.5));
-  EXPECT_NEAR(walk.x_at(1.0), 0.0, 1e-5);
-  EXPECT_NEAR(walk.x_at(1.1), 1.0, 1e-5);
-  EXPECT_NEAR(walk.x_at(1.15), 1.5, 1e-5);
+  EXPECT_NEAR(walk.x_at(0.025), 0.5, 1e-5) << "it holds from this call on";
+  EXPECT_NEAR(walk.x_at(0.075), 1.0, 1e-5);
+  EXPECT_NEAR(walk.x_at(0.125), 1.5, 1e-5);
   EXPECT_EQ(walk.timeline().set_time_scale(0).code(), Code::invalid_argument);
   EXPECT_EQ(walk.timeline().set_time_scale(1e308).code(), Code::invalid_argument) << "infinitely many frames a second";
+  EXPECT_EQ(walk.timeline().set_time_scale(5e-324).code(), Code::invalid_argument) << "frames that last for ever";
+}
+
+TEST(Timeline, PaceThatIsSetAllTheTimeDoesNotStopTheClock) {
+  Walk walk(0);
+  walk.plan(1, 0, 0);
+  EXPECT_NEAR(walk.x_at(0.0), 0.0, 1e-5);
+  for (int tick = 1; tick <= 14; ++tick) {  // at 100 Hz, twice as fast in every other tick
+    ASSERT_TRUE(walk.timeline().set_time_scale(tick % 2 == 0 ? 0.5 : 1.0));
+    walk.timeline().advance(0.01 * tick);
+  }
+  EXPECT_NEAR(walk.x_at(0.15), 8 * 0.2 + 7 * 0.1, 1e-4) << "in ticks of 10 ms, at 20 frames a second";
 }
 
 TEST(Timeline, NewSessionContinuesAfterTheHeldFrames) {

@@ -162,6 +162,17 @@ def test_broken_rules_of_plans_and_chunks_are_protocol_violations() -> None:
         player.announce_plan(2, 44)
 
 
+def test_frames_before_any_plan_are_a_protocol_violation() -> None:
+    player = Playback(FPS, 2)
+    with pytest.raises(ProtocolViolation, match="before any plan"):
+        player.add_chunk(0, 0, rows(0, 0, 4), 0)
+    player.announce_plan(1, 0)
+    player.add_chunk(1, 0, rows(1, 0, 4), 0)
+    player.restart(4)
+    with pytest.raises(ProtocolViolation, match="before any plan"):
+        player.add_chunk(0, 4, rows(0, 4, 4), 0)
+
+
 @pytest.mark.parametrize(
     ("options", "name"), [({"frame_rate_hz": 0.0}, "frame_rate_hz"), ({"keep_frames": -1}, "keep_frames")]
 )

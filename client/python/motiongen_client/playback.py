@@ -157,11 +157,13 @@ class Playback:
     def add_chunk(self, plan: int, first_frame: int, rows: Rows, committed_to: int) -> None:
         """Take consecutive frames. rows: (T, D) float32, row 0 being frame `first_frame`.
 
-        Raises ProtocolViolation if they do not belong to the latest plan, do not continue the frames received so far,
-        have another width, lower committed_to, or are more than are held ahead of the playhead.
+        Raises ProtocolViolation if they do not belong to the latest plan, come before any, do not continue the frames
+        received so far, have another width, lower committed_to, or are more than are held ahead of the playhead.
         """
         if plan != self.plan:
             raise ProtocolViolation(f"a chunk of plan {plan} arrived, but the latest plan is {self.plan}")
+        if plan == 0:  # they are numbered from 1
+            raise ProtocolViolation("a chunk arrived before any plan was announced")
         if first_frame != self._received_to:
             raise ProtocolViolation(f"a chunk begins at frame {first_frame}; the next frame is {self._received_to}")
         if rows.ndim != 2 or rows.shape[1] != self.row_width:

@@ -93,6 +93,7 @@ Status Timeline::add_chunk(const ChunkHeader& header, RowSource& rows) {
   if (header.plan != s.plan) {
     return violation("a chunk of plan " + number(header.plan) + " arrived, but the latest plan is " + number(s.plan));
   }
+  if (header.plan == 0) return violation("a chunk arrived before any plan was announced");  // numbered from 1
   if (header.first_frame != s.received_to) {
     return violation("a chunk begins at frame " + number(header.first_frame) + "; the next frame is " +
                      number(s.received_to));

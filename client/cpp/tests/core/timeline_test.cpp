@@ -47,6 +47,7 @@ TEST(Timeline, LatePlanDoesNotChangeFramesAlreadyShown) {
 
 TEST(Timeline, ProtocolViolationsAreRefusedAndChangeNothing) {
   Timeline timeline = small_timeline();
+  EXPECT_EQ(add(timeline, 0, 0, 10, 4).reason(), "PROTOCOL_VIOLATION") << "no plan was announced yet";
   ASSERT_TRUE(timeline.announce_plan(1, 0));
   ASSERT_TRUE(add(timeline, 1, 0, 10, 4));
   const auto refused = [](const Status& status) { return status.code() == Code::internal; };

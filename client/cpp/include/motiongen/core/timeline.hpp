@@ -97,8 +97,8 @@ class MOTIONGEN_API Timeline {
   // was shown already, the first that can be replaced does not.
   [[nodiscard]] Status announce_plan(std::uint32_t plan, std::uint64_t valid_from, bool is_cut = false);
 
-  // Take the frames of a chunk. A violation if they do not belong to the latest plan, do not follow the frames received
-  // so far, have the wrong number of bytes, or lower `committed_to`; nothing has changed then.
+  // Take the frames of a chunk. A violation if they do not belong to the latest plan, come before any, do not follow
+  // the frames received so far, have the wrong number of bytes, or lower `committed_to`; nothing has changed then.
   [[nodiscard]] Status add_chunk(const ChunkHeader& header, RowSource& rows);
 
   // Note that a requested cut is at a frame, for a session that was disconnected when the plan with the cut was

@@ -48,6 +48,23 @@ async def test_open_cancelled_while_disconnected_leaves_no_session(client: Motio
         assert stream.sessions == ()
 
 
+async def test_server_is_asked_to_close_a_session_once_however_many_callers_close_it(
+    client: MotionClient, server: FakeServer
+) -> None:
+    session = await client.open("a person walks")
+    given_up = asyncio.create_task(session.close())
+    await asyncio.sleep(0)
+    given_up.cancel()
+    first, second = await asyncio.gather(session.close(), session.close())
+    assert first is second
+    await client.open("another")  # whatever was sent before has been received then
+    assert [event.WhichOneof("event") for event in server.stream.received if event.event_seq] == [
+        "open",
+        "close",
+        "open",
+    ]
+
+
 async def test_concurrent_opens_share_one_stream(client: MotionClient, server: FakeServer) -> None:
     sessions = await asyncio.gather(*(client.open(f"character {number}") for number in range(10)))
     assert len(server.streams) == 1

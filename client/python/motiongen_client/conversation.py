@@ -109,6 +109,11 @@ class Conversation(Recovery):
         return await self._reached.of(constraint_id)
 
     @property
+    def _is_closing(self) -> bool:
+        """Whether it was asked to close, and has not been answered."""
+        return any(event.HasField("close") for event in self._unanswered)
+
+    @property
     def is_over(self) -> bool:
         """Whether nothing more will be sent or received."""
         return self._failure is not None
@@ -144,7 +149,7 @@ class Conversation(Recovery):
 
     def interrupt(self) -> None:
         """The connection is lost. A session that was being closed is over."""
-        if any(event.HasField("close") for event in self._unanswered):
+        if self._is_closing:
             self._finish(SessionEnd("client", "the connection was lost while it was being closed", self._num_frames, 0))
             return
         super().interrupt()

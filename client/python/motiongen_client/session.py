@@ -78,7 +78,7 @@ class Session(Conversation):
         If the connection is lost, or is lost before the server has answered, the session ends here at once, and on the
         server when its grace period is over.
         """
-        if self._end is None and self._failure is None and self._line is not Line.LOST:
+        if self._end is None and self._failure is None and self._line is not Line.LOST and not self._is_closing:
             self._send(session_pb2.SessionEvent(close=session_pb2.CloseSession()))
         while self._end is None:
             if self._failure is not None:

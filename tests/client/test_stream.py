@@ -151,3 +151,11 @@ async def test_rig_missing_from_the_catalogue_raises_protocol_violation(
     server.refuse = open_on_another
     with pytest.raises(ProtocolViolation, match="no rig is called 'other'"):
         await client.open("a person walks")
+
+
+async def test_use_of_a_stream_that_was_closed_says_that_it_was_closed_here(client: MotionClient) -> None:
+    async with client.stream() as stream:
+        await stream.open("a person walks")
+    for use in (stream.open("another"), stream.ready()):
+        with pytest.raises(StreamLost, match="the stream was closed here"):
+            await use

@@ -107,7 +107,7 @@ class Calls:
         await asyncio.gather(*tasks, return_exceptions=True)
         if self._call is not None:
             await self._call.close()
-        self._end(StreamLost("CANCELLED", "the stream was closed here"))
+        self._end(_closed_here())
         if self._dropping is not None:
             await asyncio.shield(self._dropping)
 
@@ -177,7 +177,7 @@ class Calls:
     def _check_open(self) -> None:
         """Raise StreamLost if the stream was closed while the call was being made."""
         if self._closing:
-            raise StreamLost("CANCELLED", "the stream was closed here")
+            raise _closed_here()
 
     async def _drop_channel(self) -> None:
         channel, self._channel = self._channel, None
@@ -194,7 +194,7 @@ class Calls:
         if isinstance(failure, StreamLost) and failure.reason == CREDENTIALS_EXPIRED:
             is_final = False  # the next call may carry renewed ones; if not, it is refused for good
         if is_final or not self.recovers:
-            self._end(failure, call)
+            self._end(_closed_here() if self._closing else failure, call)
             return
         why = f"{failure.code}: {failure.detail or 'no detail'}" if isinstance(failure, StreamLost) else str(failure)
         _log.warning("the connection to %s was lost (%s); reconnecting", self._address, why)
@@ -292,3 +292,7 @@ class Calls:
             now_ns = int(asyncio.get_running_loop().time() * 1e9)
             self._pinged_ns.append(now_ns)
             self._call.ping(convert.ping(now_ns, self.round_trip_s))
+
+
+def _closed_here() -> StreamLost:
+    return StreamLost("CANCELLED", "the stream was closed here")

@@ -11,13 +11,16 @@ from queue import SimpleQueue
 import numpy as np
 import pytest
 
-from motiongen.v1 import session_pb2
+from motiongen.v1 import service_pb2, session_pb2
+from motiongen_client import Edit as AsynchronousEdit
 from motiongen_client import EventRefused, InvalidInput, ServerUnavailable, SessionEnded, StreamLost, Waypoint
 from motiongen_client import MotionClient as AsynchronousClient
 from motiongen_client import Session as Asynchronous
-from motiongen_client.blocking import MotionClient
+from motiongen_client import Stream as AsynchronousStream
+from motiongen_client.blocking import Edit, MotionClient, Stream
 from motiongen_client.blocking_session import Session as Blocking
 from tests.client.fake_server import FakeServer
+from tests.waiting import until
 
 
 @pytest.fixture
@@ -77,7 +80,7 @@ def test_threads_that_connect_one_client_at_once_share_its_connection(server: Fa
     assert len(server.streams) == 1
 
 
-def test_blocking_session_has_all_methods_that_applications_use() -> None:
+def test_blocking_api_has_all_methods_that_applications_use() -> None:
     def methods(kind: type) -> set[str]:
         return {name for name in dir(kind) if not name.startswith("_")}
 
@@ -85,6 +88,11 @@ def test_blocking_session_has_all_methods_that_applications_use() -> None:
     only_there = for_streams | {"glance", "is_same", "is_waiting", "move", "wait_for_room"}
     assert methods(Asynchronous) - methods(Blocking) == only_there
     assert methods(AsynchronousClient) - methods(MotionClient) == set()
+    for_sessions = {"note_first_frame", "settle", "take_the_place_of", "when_accepted", "when_refused", "result"}
+    assert methods(AsynchronousEdit) - methods(Edit) == for_sessions
+    for_sessions = {"adopt", "ask_catalog", "call_number", "check", "move_elsewhere", "recovers", "release", "send"}
+    only_there = for_sessions | {"report_soon", "start", "sessions"}  # an application knows the sessions that it opened
+    assert methods(AsynchronousStream) - methods(Stream) == only_there
 
 
 def test_callbacks_are_called_on_the_background_thread(client: MotionClient, server: FakeServer) -> None:
@@ -234,8 +242,43 @@ def test_motion_and_answers_stay_readable_after_the_client_was_closed(server: Fa
 def test_refused_edit_raises_event_refused(client: MotionClient, server: FakeServer) -> None:
     server.refuse = lambda event: "TOO_MANY" if event.WhichOneof("event") == "edit_prompts" else ""
     session = client.open("a person walks")
+    edit = session.set_prompt("one more")
     with pytest.raises(EventRefused, match="TOO_MANY"):
-        session.set_prompt("one more").wait()
+        edit.wait()
+    client.close()
+    assert edit.done()
+    assert edit.outcome is None
+    with pytest.raises(EventRefused, match="TOO_MANY"):
+        edit.wait()
+
+
+def test_edit_without_an_answer_is_not_done_until_the_client_is_closed(
+    client: MotionClient, server: FakeServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session = client.open("a person walks")
+    monkeypatch.setattr(server.stream, "replan", lambda event: None)
+    edit = session.set_prompt("one more")
+    assert not edit.done()
+    client.close()
+    assert edit.done()
+
+
+def test_stream_tells_what_is_known_of_its_connection(client: MotionClient, server: FakeServer) -> None:
+    stream = client.stream()
+    with stream:
+        stream.ready()
+        assert (stream.is_connected, stream.is_over, stream.draining, stream.replica_id) == (
+            True,
+            False,
+            False,
+            "first",
+        )
+        until(lambda: stream.round_trip_s is not None)
+        server.stream.outgoing.put(service_pb2.StreamMotionResponse(goodbye=service_pb2.Goodbye()))
+        until(lambda: stream.draining)
+    assert (stream.is_connected, stream.is_over) == (False, True)
+    with pytest.raises(StreamLost, match="closed here"):
+        stream.ready()
 
 
 def test_failed_connect_leaves_no_thread() -> None:

@@ -18,7 +18,8 @@ import grpc
 
 from motiongen_client import client, stream
 from motiongen_client.background_loop import BackgroundLoop
-from motiongen_client.blocking_session import Edit, Session
+from motiongen_client.blocking_edit import Edit
+from motiongen_client.blocking_session import Session
 from motiongen_client.channel import Option, Token
 from motiongen_client.errors import StreamLost
 from motiongen_client.line_policy import LinePolicy
@@ -34,6 +35,35 @@ class Stream:
     def __init__(self, loop: BackgroundLoop, inner: stream.Stream) -> None:
         self._loop = loop
         self._inner = inner
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether there is a call at present."""
+        return self._inner.is_connected
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it was closed or has failed for good."""
+        return self._inner.is_over
+
+    @property
+    def draining(self) -> bool:
+        """Whether the server has sent a Goodbye."""
+        return self._inner.draining
+
+    @property
+    def replica_id(self) -> str:
+        """The server's name."""
+        return self._inner.replica_id
+
+    @property
+    def round_trip_s(self) -> float | None:
+        """As last measured; None before the first measurement."""
+        return self._inner.round_trip_s
+
+    def ready(self) -> None:
+        """Wait until there is a call, making one if needed, for `LinePolicy.hello_timeout_s` at most."""
+        self._loop.run(self._inner.ready())
 
     def open(
         self,

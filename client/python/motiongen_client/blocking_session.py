@@ -1,4 +1,4 @@
-"""Session and Edit without asyncio: every call hands its work to the client's background thread and waits."""
+"""Session without asyncio: every call hands its work to the client's background thread and waits."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from motiongen_client import edit, session
 from motiongen_client.background_loop import BackgroundLoop
 from motiongen_client.blocking_callback import BlockingCallback
+from motiongen_client.blocking_edit import Edit
 from motiongen_client.motion import Frame, Motion, Rig
 from motiongen_client.prompts import Prompt
 from motiongen_client.session import SessionStats
@@ -16,45 +17,11 @@ from motiongen_client.types import (
     Constraint,
     ConstraintReached,
     Opened,
-    Outcome,
     Priority,
     Reopened,
     ServiceLevel,
     SessionEnd,
 )
-
-
-class Edit:
-    """A change that was sent to the server. `wait()` for its Outcome, or ignore it."""
-
-    def __init__(self, loop: BackgroundLoop, inner: edit.Edit) -> None:
-        self._loop = loop
-        self._inner = inner
-        self.constraint_ids = inner.constraint_ids
-        self.prompt_id = inner.prompt_id
-
-    @property
-    def event_seq(self) -> int:
-        """Its number in the session; it changes if the session has to be opened anew."""
-        return self._inner.event_seq
-
-    def wait(self) -> Outcome:
-        """The server's answer. Raises EventRefused, SessionEnded or StreamLost."""
-
-        async def work() -> Outcome:
-            return await self._inner
-
-        return self.outcome or self._loop.run(work())
-
-    @property
-    def outcome(self) -> Outcome | None:
-        """The server's answer, if it has accepted the change."""
-        return self._inner.outcome
-
-    @property
-    def latency_s(self) -> float | None:
-        """Seconds from sending the change to receiving the first frame it changed; None until then."""
-        return self._inner.latency_s
 
 
 class Session:

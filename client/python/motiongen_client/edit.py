@@ -55,6 +55,10 @@ class Edit:
         """Whether the server has answered or never will, so that awaiting returns or raises at once."""
         return self._answer.done()
 
+    def result(self) -> Outcome:
+        """What awaiting returns or raises, once it is `done`; for the blocking client, whose loop may have ended."""
+        return self._answer.result()
+
     @property
     def outcome(self) -> Outcome | None:
         """The server's answer, if it has accepted the change."""

@@ -8,7 +8,7 @@ import math
 import grpc
 import pytest
 
-from motiongen.v1 import service_pb2
+from motiongen.v1 import service_pb2, session_pb2
 from motiongen_client import LinePolicy, MotionClient, Session
 from motiongen_client.admin import AdminClient
 from tests.client.fake_server import FakeServer
@@ -179,3 +179,13 @@ async def test_client_with_an_infinite_hello_timeout_reconnects(server: FakeServ
         server.stream.fail(grpc.StatusCode.UNAVAILABLE)
         async with asyncio.timeout(LIMIT_S):
             await until(lambda: session.reopenings)
+
+
+async def test_callback_that_would_have_to_be_awaited_is_reported(caplog: pytest.LogCaptureFixture) -> None:
+    async def keep(is_durable: bool) -> None:
+        raise AssertionError("nobody awaits it")
+
+    session = await open_with_frames(Line())
+    session.on_durability = keep  # type: ignore[assignment]
+    session.hear(session_pb2.SessionUpdate(session=1, durability=session_pb2.SessionDurability(is_kept=True)))
+    assert "a callback must be a plain function" in caplog.text

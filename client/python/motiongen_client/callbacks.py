@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from inspect import iscoroutine
 from typing import TypeVar
 
 _log = logging.getLogger(__name__)
@@ -19,6 +20,9 @@ def call_back(callback: Callable[[T], None] | None, told: T) -> None:
     if callback is None:
         return
     try:
-        callback(told)
+        answer: object = callback(told)
+        if iscoroutine(answer):  # of an `async def`, which nobody would await
+            answer.close()
+            raise TypeError("a callback must be a plain function; it may create a task")
     except Exception:
         _log.exception("a callback of the application failed on: %s", told)

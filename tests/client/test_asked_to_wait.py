@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 
 import grpc
 import pytest
@@ -61,6 +62,26 @@ async def test_failed_last_attempt_is_reported_to_callers_when_recover_s_ends(
         clock.advance(60.5)
         with pytest.raises(StreamLost, match="it loads its model"):
             await session.constraint_reached(1)
+
+
+async def test_delay_that_a_server_asks_for_precedes_the_first_attempt_only(
+    clock: ManualClock, server: FakeServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[float] = []
+    draw = Backoff.next_s
+
+    def next_s(backoff: Backoff, at_least_s: float = 0.0) -> float:
+        asked.append(at_least_s)
+        return draw(backoff, at_least_s)
+
+    async with MotionClient(server.address, policy=replace(PATIENT, recover_s=None)) as client:
+        session = await client.open("walk")
+        server.turned_away = [Loading()]
+        monkeypatch.setattr(Backoff, "next_s", next_s)
+        await go_away(client, server, session)
+        clock.advance(3600)
+        await until(lambda: len(asked) == 2)
+        assert asked == [3600.0, 0.0]
 
 
 def test_delay_asked_for_by_a_server_is_capped_at_an_hour() -> None:

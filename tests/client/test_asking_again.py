@@ -8,8 +8,8 @@ import grpc
 import pytest
 
 from motiongen.v1 import session_pb2
-from motiongen_client import MotionClient
-from motiongen_client.backoff import FIRST_DELAY_S, LONGEST_DELAY_S
+from motiongen_client import LinePolicy, MotionClient
+from motiongen_client.backoff import FIRST_DELAY_S, LONGEST_DELAY_S, Backoff
 from motiongen_client.session import Session
 from tests.client.conftest import ManualClock
 from tests.client.fake_server import FakeServer, full
@@ -73,3 +73,19 @@ async def test_session_to_continue_is_asked_for_once_at_each_of_two_full_servers
         clock.advance(FIRST_DELAY_S)
         await until(lambda: waits() or asked(server) > 1)
         assert (asked(server), asked(other)) == (1, 1)
+
+
+async def test_delays_between_calls_begin_anew_with_the_second_pong_of_one(
+    clock: ManualClock, server: FakeServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun_anew: list[Backoff] = []
+    monkeypatch.setattr(Backoff, "reset", lambda backoff: begun_anew.append(backoff))
+    async with MotionClient(server.address, policy=LinePolicy(ping_s=5.0, pong_timeout_s=5.0)) as client:
+        await client.open("walk")
+        assert client._own_stream is not None
+        calls = client._own_stream._calls
+        for num_resets in (0, 1):
+            await until(lambda: calls._ponged.is_set() and not calls._pinged_ns)
+            clock.advance(5.0)
+            await until(lambda: not calls._ponged.is_set())  # until the next ping
+            assert begun_anew.count(calls._backoff) == num_resets

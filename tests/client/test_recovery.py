@@ -4,10 +4,20 @@ from __future__ import annotations
 
 import asyncio
 
+import grpc
 import pytest
 
 from motiongen.v1 import session_pb2
-from motiongen_client import EventRefused, InvalidInput, LinePolicy, MotionClient, Priority, SessionOptions, convert
+from motiongen_client import (
+    EventRefused,
+    InvalidInput,
+    LinePolicy,
+    MotionClient,
+    Priority,
+    SessionOptions,
+    StreamLost,
+    convert,
+)
 from motiongen_client.backoff import FIRST_DELAY_S, LONGEST_DELAY_S, LONGEST_SOON_DELAY_S, SOON_S, Backoff
 from tests.client.fake_server import FakeServer, FakeStream
 from tests.client.waiting import received, until
@@ -217,3 +227,24 @@ async def test_placements_of_a_reopened_session_are_in_frames_of_the_application
         frame + 5,
         frame + 2,
     )
+
+
+class Unauthenticated(grpc.Status):
+    """The status with which a server refuses streams of a caller that it does not know."""
+
+    code = grpc.StatusCode.UNAUTHENTICATED
+    details = "unknown token"
+    trailing_metadata = ()
+
+
+async def test_refusal_that_another_call_would_get_again_ends_the_stream(
+    client: MotionClient, server: FakeServer
+) -> None:
+    session = await client.open("a person walks")
+    server.turned_away = [Unauthenticated() for _ in range(9)]
+    server.stream.end()
+    waiting = asyncio.ensure_future(session.constraint_reached(1))
+    await until(lambda: waiting.done() or len(server.turned_away) < 8)
+    assert len(server.turned_away) == 8, "it is not asked again"
+    with pytest.raises(StreamLost, match="UNAUTHENTICATED: unknown token"):
+        await waiting

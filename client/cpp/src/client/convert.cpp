@@ -1,6 +1,8 @@
 #include "client/convert.hpp"
 
+#include <algorithm>
 #include <cmath>
+#include <optional>
 #include <string>
 
 #include "client/outbox.hpp"
@@ -10,6 +12,7 @@
 namespace motiongen::convert {
 namespace {
 
+constexpr char kGuidance[] = "a finite number, or none for the model's";
 constexpr std::size_t kMostOtherServers = 3;  // as in the contract; each of them may be called in turn
 
 Code code_of(int number) {
@@ -41,7 +44,24 @@ std::vector<Placement> placements(const Messages& messages) {
   return found;
 }
 
+Status check_finite(const char* field, std::optional<float> given, const char* allowed) {
+  if (!given || std::isfinite(*given)) return {};
+  return invalid(field, std::to_string(*given), allowed);
+}
+
+Status check_numbers(const SessionOptions& options) {
+  Status checked = check_finite("start_x_m", options.start_x_m, "finite metres");
+  if (checked) checked = check_finite("start_z_m", options.start_z_m, "finite metres");
+  if (checked) checked = check_finite("start_heading_rad", options.start_heading_rad, "finite radians, or none");
+  if (checked) checked = check_finite("text_guidance", options.text_guidance, kGuidance);
+  return checked ? check_finite("constraint_guidance", options.constraint_guidance, kGuidance) : checked;
+}
+
 }  // namespace
+
+bool all_finite(Span<const float> values) {
+  return std::all_of(values.begin(), values.end(), [](float value) { return std::isfinite(value); });
+}
 
 Status check(const Prompt& prompt) {
   if (prompt.empty()) {
@@ -50,13 +70,16 @@ Status check(const Prompt& prompt) {
   if (!prompt.preset_id.empty() && !(prompt.text.empty() && prompt.embedding.empty())) {
     return invalid("prompt", "a preset and something else", "one of them");
   }
+  if (!all_finite(prompt.embedding))
+    return invalid("Prompt::embedding", "a number that is not finite", "finite numbers");
   Status checked = check_utf8("Prompt::text", prompt.text);
   if (checked) checked = check_utf8("Prompt::preset_id", prompt.preset_id);
   return checked ? check_utf8("Prompt::text_encoder", prompt.text_encoder) : checked;
 }
 
 Status check(const SessionOptions& options) {
-  Status checked = check_utf8("model_id", options.model_id);
+  Status checked = check_numbers(options);
+  if (checked) checked = check_utf8("model_id", options.model_id);
   if (checked) checked = check_utf8("rig_id", options.rig_id);
   for (const std::string& each : options.outputs) {
     if (checked) checked = check_utf8("outputs", each);
@@ -76,6 +99,12 @@ Status check(const SessionOptions& options) {
   return checked;
 }
 
+Status check(const OptionsChange& change) {
+  if (!change.guidance) return {};
+  Status checked = check_finite("guidance, of text", change.guidance->first, kGuidance);
+  return checked ? check_finite("guidance, of targets", change.guidance->second, kGuidance) : checked;
+}
+
 Status check_size(const char* what, const google::protobuf::MessageLite& message, const Limits& limits) {
   const std::size_t most = Outbox::most_event_bytes(limits.max_request_bytes);
   const std::size_t given = message.ByteSizeLong();
@@ -84,7 +113,9 @@ Status check_size(const char* what, const google::protobuf::MessageLite& message
 }
 
 Status check_rows(Span<const float> rows, std::uint32_t row_width) {
-  if (row_width > 0 && !rows.empty() && rows.size() % row_width == 0) return {};
+  const bool fits = row_width > 0 && !rows.empty() && rows.size() % row_width == 0;
+  if (fits && all_finite(rows)) return {};
+  if (fits) return invalid("rows", "a number that is not finite", "finite numbers");
   return invalid("rows", std::to_string(rows.size()) + " floats",
                  "whole rows of " + std::to_string(row_width) + " floats, one or more");
 }

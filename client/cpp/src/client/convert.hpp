@@ -12,15 +12,19 @@ namespace motiongen::convert {
 
 // ---- to the server. Frames are those of the timeline; the book shifts them
 
+bool all_finite(Span<const float> values);
 // INVALID_ARGUMENT for a number that is not finite, a list of the wrong length or a text that is not UTF-8.
 Status check(const Target& target);
-// INVALID_ARGUMENT if none or more than one of text, preset and vector is given, or a text is not UTF-8.
+// INVALID_ARGUMENT if none or more than one of text, preset and vector is given, a text is not UTF-8, or a number is
+// not finite.
 Status check(const Prompt& prompt);
-// The same for all prompts, targets and other texts of a session's options, but not its rows.
+// The same for all prompts, targets, numbers and other texts of a session's options, but not its rows.
 Status check(const SessionOptions& options);
+// INVALID_ARGUMENT for a number that is not finite.
+Status check(const OptionsChange& change);
 // INVALID_ARGUMENT for a message bigger than the server accepts. what: its name, for people.
 Status check_size(const char* what, const google::protobuf::MessageLite& message, const Limits& limits);
-// INVALID_ARGUMENT unless `rows` is one whole row or several.
+// INVALID_ARGUMENT unless `rows` is one whole row or several, of finite numbers.
 Status check_rows(Span<const float> rows, std::uint32_t row_width);
 v1::Constraint constraint(std::uint32_t id, const Target& target);
 // end_frame 0: until another prompt takes over.

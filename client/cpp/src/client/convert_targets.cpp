@@ -8,13 +8,6 @@
 namespace motiongen::convert {
 namespace {
 
-bool all_finite(const std::vector<float>& values) {
-  for (const float value : values) {
-    if (!std::isfinite(value)) return false;
-  }
-  return true;
-}
-
 Status wrong_length(const char* field, std::size_t given, const std::string& allowed) {
   return invalid(field, std::to_string(given) + " numbers", allowed);
 }

@@ -212,6 +212,8 @@ Result<EditId> Session::seek(std::uint64_t frame) {
 }
 
 Result<EditId> Session::set_options(const OptionsChange& change) {
+  Status checked = convert::check(change);
+  if (!checked) return checked;
   v1::SessionEvent event;
   *event.mutable_set_options() = convert::set_options(change);
   return core_->edit(*state_, std::move(event));

@@ -181,8 +181,7 @@ void ClientCore::lose(const Status& status, bool will_reconnect) {
     const double asked_s = choose_server(was_connected, status);
     num_failures_ = was_connected ? 0 : num_failures_ + 1;
     const bool all_failed = lacks_token(status) || num_failures_ % servers_.size() == 0;
-    const double jitter = std::uniform_real_distribution<double>(0.8, 1.2)(jitter_);
-    const double wait_s = was_connected || all_failed ? backoff_.next_s(now_s()) * jitter : 0;
+    const double wait_s = was_connected || all_failed ? backoff_.next_s(now_s()) * Backoff::jitter(random_) : 0;
     reconnect_at_s = now_s() + std::max(wait_s, asked_s);
     // not before all sessions know of the loss: one might be opened on the next call and then count that call as lost
     reconnect_at_s_ = std::numeric_limits<double>::infinity();

@@ -185,7 +185,7 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   double unanswered_since_s_ = 0;  // when the first unanswered ping was sent; 0: all are answered
   bool woken_ = false;
   std::thread worker_;
-  std::minstd_rand jitter_{std::random_device{}()};
+  std::minstd_rand random_{std::random_device{}()};
 };
 
 template <class Make>

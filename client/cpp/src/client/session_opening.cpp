@@ -8,7 +8,6 @@
 namespace motiongen {
 namespace {
 
-constexpr double kRetryS = 1.0;                    // after the server has ended a session that can continue
 constexpr std::uint32_t kMostLookahead = 1 << 16;  // frames; servers grant 10,000 at most
 constexpr std::uint64_t kAroundRowsBytes = 64;     // tags, lengths and numbers of the messages around rows
 
@@ -162,12 +161,15 @@ void SessionState::take_closed(const v1::SessionClosed& message, double now_s, E
   const Status why = convert::closed(message);
   const bool gone_on_with = message.reason() == v1::CLOSE_REASON_DRAINED || why.code() == Code::unavailable;
   if (!gone_on_with || !recovers_ || !was_open_ || phase == Phase::closing) return end(why, events);
-  if (is_durable) {
-    phase = Phase::waiting;  // it can be resumed at another server, or at this one if only the model was lost
-  } else {
-    open_anew(events);
-  }
-  retry_at_s = now_s + kRetryS;
+  // if it is durable, it can be resumed at another server, or at this one if only the model was lost
+  if (!is_durable) open_anew(events);
+  ask_again_later(now_s, 0);
+}
+
+void SessionState::ask_again_later(double now_s, double asked_s) {
+  phase = Phase::waiting;
+  const double wait_s = backoff_.next_s(now_s) * Backoff::jitter(random_);
+  retry_at_s = now_s + std::max(wait_s, Backoff::bounded_s(asked_s));
 }
 
 void SessionState::open_anew(EventQueue& events) {

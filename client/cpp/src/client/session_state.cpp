@@ -3,13 +3,12 @@
 #include <algorithm>
 #include <limits>
 
-#include "client/backoff.hpp"
 #include "client/convert.hpp"
 
 namespace motiongen {
 namespace {
 
-constexpr double kRetryS = 1.0;  // after a refusal without a retry time
+constexpr double kMovingS = 1;  // the time for the client to go to another server, before this one is asked again
 
 Status closed_here() { return {Code::cancelled, "CLIENT", "the session was closed here"}; }
 
@@ -96,6 +95,7 @@ void SessionState::take_chunk(const wire::Chunk& chunk, EventQueue& events, Outb
   if (taken) taken = timeline->add_chunk(header, decoder ? static_cast<RowSource&>(*decoder) : stored);
   if (!taken) return break_off(taken, events, outbox);
   stats.frames += header.num_frames;
+  backoff_.note_frames();
   changed.notify_all();
 }
 
@@ -147,8 +147,7 @@ void SessionState::take_outcome(const v1::EditOutcome& message, double now_s, Ev
       return;
     }
     if (!has_no_room || (!was_open_ && outcome.other_servers.empty())) return end(std::move(outcome), events);
-    phase = Phase::waiting;
-    retry_at_s = now_s + Backoff::bounded_s(outcome.retry_after_s.value_or(kRetryS));
+    ask_again_later(now_s, outcome.retry_after_s.value_or(outcome.other_servers.empty() ? 0 : kMovingS));
     refusal = std::move(outcome);
     return;
   }

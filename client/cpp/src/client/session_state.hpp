@@ -6,7 +6,9 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <random>
 
+#include "client/backoff.hpp"
 #include "client/book.hpp"
 #include "client/events.hpp"
 #include "client/outbox.hpp"
@@ -54,7 +56,7 @@ class SessionState {
   Status ended;  // why the session is closed, or is closing
   SessionStats stats;
   double next_report_s = 0;
-  double retry_at_s = 0;           // when a refused reopening is tried again
+  double retry_at_s = 0;           // when a refused opening is tried again, or a session that the server ended
   std::optional<Outcome> refusal;  // of its opening for lack of room, until it is decided whether to ask another server
   bool can_report = false;         // it has sent a report on the present stream
   std::uint64_t last_seq = 0;      // the highest applied_seq
@@ -143,6 +145,8 @@ class SessionState {
   void note_answer(EditId first, EditId last, Outcome outcome, EventQueue& events);
   void set_durable(bool is_kept, EventQueue& events);
   void open_anew(EventQueue& events);
+  // asked_s: how long the server asked to wait; 0: it did not.
+  void ask_again_later(double now_s, double asked_s);
   // Converts them to the timeline's frames.
   void shift_placements(std::vector<Placement>& placements) const;
   // Settle what is known of an edit's targets, now that it is answered. answer: OK if it was accepted.
@@ -169,6 +173,8 @@ class SessionState {
   bool resuming_ = false;      // OpenSession with the token was sent
   std::string token_;          // of the present session on the server; empty: it cannot be resumed
   std::uint32_t attempt_ = 0;  // the number of the last attempt to resume it
+  Backoff backoff_;            // of its openings
+  std::minstd_rand random_{std::random_device{}()};
   Repeating repeating_;
   std::uint64_t said_to_ = 0;  // the highest event number that the present session on the server may have received
   std::deque<Answer> answers_;

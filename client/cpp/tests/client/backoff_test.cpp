@@ -34,6 +34,15 @@ TEST(Backoff, StartsAgainAfterACallThatAnsweredTwoPings) {
   for (int call = 0; call < 30; ++call) EXPECT_LE(backoff.next_s(202), Backoff::kMostSoonS);
 }
 
+TEST(Backoff, StartsAgainAfterASessionThatGotFrames) {
+  Backoff backoff;
+  for (int time = 0; time < 30; ++time) static_cast<void>(backoff.next_s(100 + time));
+  EXPECT_EQ(backoff.next_s(130), Backoff::kMostS);
+  backoff.note_frames();
+  EXPECT_EQ(backoff.next_s(200), Backoff::kFirstS);
+  EXPECT_GT(backoff.next_s(200), Backoff::kFirstS);
+}
+
 TEST(Backoff, DelayAskedForByAServerIsBoundedToAnHour) {
   EXPECT_EQ(Backoff::bounded_s(7.5), 7.5);
   EXPECT_EQ(Backoff::bounded_s(-7.5), 0);

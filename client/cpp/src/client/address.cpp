@@ -23,6 +23,12 @@ long whole_number(const std::string& text) {
   return std::strtol(text.c_str(), nullptr, 10);
 }
 
+// Whether a host can only be an IPv6 address without brackets. gRPC would take the port for its last part.
+bool is_bare_v6(const std::string& host) {
+  const bool has_colons = host.find(':') != host.rfind(':') || host == ":";
+  return has_colons && host.find_first_not_of("0123456789abcdefABCDEF:.") == std::string::npos;
+}
+
 // 127.x.x.x
 bool is_loopback_v4(const std::string& host) {
   std::size_t begin = 0;
@@ -49,6 +55,9 @@ Status check_address(const std::string& field, const std::string& address) {
   }
   const auto colon = address.rfind(':');
   const long port = colon == std::string::npos ? -1 : whole_number(address.substr(colon + 1));
+  if (is_bare_v6(address.substr(0, colon))) {
+    return invalid(field, given, "an IPv6 address in brackets, and its port, such as [::1]:50051");
+  }
   if (colon != 0 && port >= 1 && port <= 65535) return {};
   return invalid(field, given, "host:port with a port from 1 to 65535, such as localhost:50051, or unix:PATH");
 }

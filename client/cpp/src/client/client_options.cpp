@@ -1,4 +1,6 @@
 // Checks of a client's options.
+#include <utility>
+
 #include "client/address.hpp"
 #include "client/core.hpp"
 #include "client/texts.hpp"
@@ -34,6 +36,23 @@ Status check_token_of(const ClientOptions& options) {
   return check_plain_token(addresses_of(options));
 }
 
+// gRPC takes what it cannot read for no certificate at all, and connects to nothing.
+Status check_certificates(const ClientOptions& options) {
+  const std::pair<const char*, const std::string*> texts[] = {{"root_certificates_pem", &options.root_certificates_pem},
+                                                              {"certificate_chain_pem", &options.certificate_chain_pem},
+                                                              {"private_key_pem", &options.private_key_pem}};
+  for (const auto& [field, text] : texts) {
+    if (text->empty()) continue;
+    if (!options.tls) return invalid(field, "a text without tls", "tls = true beside it, or no text");
+    if (text->find("-----BEGIN ") == std::string::npos) {  // not quoted: it may be secret
+      return invalid(field, "a text of " + std::to_string(text->size()) + " bytes that is no PEM",
+                     "what a PEM file contains, not its path");
+    }
+  }
+  if (options.certificate_chain_pem.empty() == options.private_key_pem.empty()) return {};
+  return invalid("certificate_chain_pem, private_key_pem", "one of them", "both, or neither");
+}
+
 }  // namespace
 
 bool has_token(const ClientOptions& options) { return !options.token.empty() || options.token_source; }
@@ -64,7 +83,8 @@ Status ClientCore::check_options() const {
   if (!(options_.connect_timeout_s > 0)) {
     return invalid("connect_timeout_s", std::to_string(options_.connect_timeout_s), "a number above 0");
   }
-  Status checked = check_token_of(options_);
+  Status checked = check_certificates(options_);
+  if (checked) checked = check_token_of(options_);
   if (checked) checked = check_metadata(options_.metadata);
   if (checked) checked = check_channel_options(options_);
   return checked ? check_utf8("agent", options_.agent) : checked;

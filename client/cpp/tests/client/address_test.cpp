@@ -10,20 +10,11 @@ namespace {
 const std::vector<std::string> kLocal = {"localhost:50051", "127.0.0.1:1",      "127.8.9.255:1",
                                          "[::1]:1",         "unix:motion.sock", "unix:/run/motion.sock"};
 // Includes addresses that only look like this machine's.
-const std::vector<std::string> kFar = {"motion.example:50051",
-                                       "10.0.0.7:1",
-                                       "127.0.0.1.example:1",
-                                       "localhost.example:1",
-                                       "128.0.0.1:1",
-                                       "127.1:1",
-                                       "0127.0.0.1:1",
-                                       "127.0.0.1@10.0.0.7:1",
-                                       "127.0.0.256:1",
-                                       "[::2]:1",
-                                       "::1:1",
-                                       "ipv4:10.0.0.7:1",
-                                       "dns:///motion.example:1",
-                                       "127.0.0.1,10.0.0.7:1"};
+const std::vector<std::string> kFar = {
+    "motion.example:50051", "10.0.0.7:1", "127.0.0.1.example:1", "localhost.example:1",
+    "128.0.0.1:1",          "127.1:1",    "0127.0.0.1:1",        "127.0.0.1@10.0.0.7:1",
+    "127.0.0.256:1",        "[::2]:1",    "ipv4:10.0.0.7:1",     "dns:///motion.example:1",
+    "127.0.0.1,10.0.0.7:1"};
 
 TEST(Address, MustBeHostAndPortOrUnixSocket) {
   for (const auto* addresses : {&kLocal, &kFar}) {
@@ -34,7 +25,8 @@ TEST(Address, MustBeHostAndPortOrUnixSocket) {
        {std::string(), std::string("nowhere"), std::string(":1"), std::string("host:"), std::string("host:0"),
         std::string("host:65536"), std::string("host:http"), std::string("host:-1"), std::string("host:+1"),
         std::string("unix:"), std::string("unix:/tmp/a b"), std::string("unix:/tmp/%41"), std::string("unix:/a?b"),
-        "unix:" + std::string(108, 'p'), std::string("unix-abstract:name")}) {
+        "unix:" + std::string(108, 'p'), std::string("unix-abstract:name"), std::string("::1:50051"),
+        std::string("fe80::a:1")}) {
     const Status refused = check_address("address", wrong);
     EXPECT_EQ(refused.code(), Code::invalid_argument) << wrong;
     EXPECT_EQ(refused.message().rfind("address: \"" + wrong + "\" was given; allowed is ", 0), 0U) << refused.message();
@@ -77,6 +69,26 @@ TEST(Address, TokenWithoutTlsIsRefusedToARemoteAddress) {
   options.tls = false;
   options.token_source = nullptr;
   EXPECT_EQ(refusal(options), "") << "without a token";
+}
+
+TEST(Address, CertificatesMustBePemAndGoWithTls) {
+  ClientOptions options;
+  options.address = "localhost:1";
+  const std::string pem = "-----BEGIN CERTIFICATE-----\n";
+  for (std::string ClientOptions::*field : {&ClientOptions::root_certificates_pem,
+                                            &ClientOptions::certificate_chain_pem, &ClientOptions::private_key_pem}) {
+    ClientOptions each = options;
+    each.*field = pem;
+    EXPECT_NE(refusal(each).find("_pem: a text without tls was given"), std::string::npos) << refusal(each);
+    each.tls = true;
+    each.*field = "/etc/ssl/ca.pem";
+    EXPECT_NE(refusal(each).find("_pem: a text of 15 bytes that is no PEM was given"), std::string::npos);
+  }
+  options.tls = true;
+  options.certificate_chain_pem = pem;
+  EXPECT_NE(refusal(options).find("one of them was given"), std::string::npos) << "its key is missing";
+  options.private_key_pem = "-----BEGIN PRIVATE KEY-----\n";
+  EXPECT_EQ(refusal(options), "");
 }
 
 TEST(Address, OnlyGrpcChannelOptionsAreAcceptedAndNoProxyWithAToken) {

@@ -23,7 +23,7 @@ struct ClientOptions {
   // digits, - . _
   std::string routing_key;
   bool tls = false;
-  std::string root_certificates_pem;  // used with tls; empty: the system's
+  std::string root_certificates_pem;  // only with tls, like the next two; empty: the system's
   std::string certificate_chain_pem;  // the client's, if the server requires one
   std::string private_key_pem;
   // Sent as `authorization: Bearer ...` with every call; empty: none. Printable ASCII without spaces. Without tls it is

@@ -1,5 +1,6 @@
 // The pose at a moment between two frames; jumps in what is shown are faded out.
 #include <algorithm>
+#include <cmath>
 
 #include "motiongen/core/pose.hpp"
 #include "quaternion.hpp"
@@ -52,6 +53,8 @@ bool Timeline::sample(double now_s, const Rig& rig, Span<float> out) {
 bool Timeline::sample_here(double now_s, const Rig& rig, Span<float> out) {
   State& s = *state_;
   if (!s.started) return false;
+  if (!std::isfinite(now_s)) now_s = s.shown_at_s;
+  s.shown_at_s = now_s;
   const bool is_there = s.buffered_to() > s.playhead + 1;
   const bool may_mix = is_there && !s.is_cut(s.playhead + 1);
   if (s.playing && may_mix) {

@@ -10,7 +10,7 @@ std::uint64_t count_of(double value) { return value <= 0 ? 0 : static_cast<std::
 
 FrameRange Timeline::advance(double now_s) {
   State& s = *state_;
-  if (!s.playing || (!s.started && s.rows.size() == 0)) return {};
+  if (!std::isfinite(now_s) || !s.playing || (!s.started && s.rows.size() == 0)) return {};
   if (!s.started) {
     s.pace_hz = s.next_pace_hz;
     s.due_s = now_s + s.frame_s();

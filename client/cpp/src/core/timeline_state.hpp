@@ -52,6 +52,7 @@ struct Timeline::State {
   // ---- what `sample` showed last
   float blend = 0;  // the share of the frame after the playhead
   bool has_shown = false;
+  double shown_at_s = 0;
   std::uint64_t shown_frame = 0;           // the playhead at that time
   bool approached = false;                 // the frame after it had arrived
   std::uint64_t replaced_from = kNoFrame;  // the first frame that was replaced since

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 #include "core/rows.hpp"
 #include "core/walk.hpp"
 
@@ -173,6 +175,21 @@ TEST(Timeline, PaceThatIsSetAllTheTimeDoesNotStopTheClock) {
     walk.timeline().advance(0.01 * tick);
   }
   EXPECT_NEAR(walk.x_at(0.15), 8 * 0.2 + 7 * 0.1, 1e-4) << "in ticks of 10 ms, at 20 frames a second";
+}
+
+TEST(Timeline, TimeThatIsNotFiniteMovesNothing) {
+  Walk walk(0.1);
+  const double wrong[] = {std::nan(""), HUGE_VAL, -HUGE_VAL};
+  walk.plan(1, 0, 0);
+  for (const double now_s : wrong) EXPECT_EQ(walk.timeline().advance(now_s).size(), 0U);
+  EXPECT_FALSE(walk.timeline().started());
+  EXPECT_NEAR(walk.x_at(0.0), 0.0, 1e-5);
+  EXPECT_NEAR(walk.x_at(0.025), 0.5, 1e-5);
+  walk.plan(2, 1, 11);  // a jump, which is faded out
+  for (const double now_s : wrong) EXPECT_NEAR(walk.x_at(now_s), 0.5, 1e-5);
+  EXPECT_EQ(walk.timeline().playhead(), 0U);
+  EXPECT_EQ(walk.timeline().underruns(), 0U);
+  EXPECT_NEAR(walk.x_at(0.06), 11.2 - 5 * 0.71825, 1e-3) << "the fade goes on";
 }
 
 TEST(Timeline, NewSessionContinuesAfterTheHeldFrames) {

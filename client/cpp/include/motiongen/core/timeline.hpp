@@ -110,7 +110,7 @@ class MOTIONGEN_API Timeline {
   // are held stay.
   void continue_with_new_plans();
 
-  // ---- playing. now_s: seconds of any clock that never goes back
+  // ---- playing. now_s: seconds of any clock that never goes back; at a time that is not finite nothing moves
 
   // Move the playhead to where it should be at now_s, as far as frames are there. Returns the frames newly reached. The
   // first call that finds a frame shows it and starts the clock. After a hold the next frame is shown at once and

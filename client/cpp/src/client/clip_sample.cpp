@@ -36,6 +36,8 @@ Status ClipSample::take_opened(const v1::SessionOpened& message, const Catalog& 
   if (decoder) return violation("a clip was opened twice");  // its rows have the layout of the first rig
   auto rig = convert::session_rig(catalog, message, options.outputs);
   if (!rig) return rig.status();
+  Status fits = convert::check_placements(message.placements_size());
+  if (!fits) return fits;
   clip.opened = convert::opened(message);
   clip.rig = std::move(rig).value();
   decoder.emplace(clip.rig, options.frame_format);

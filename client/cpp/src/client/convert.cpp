@@ -13,16 +13,34 @@ namespace motiongen::convert {
 namespace {
 
 constexpr char kGuidance[] = "a finite number, or none for the model's";
+// What is kept of an answer, far above what honest servers send.
+constexpr std::size_t kMostTextBytes = 4096;  // of each text
+constexpr std::size_t kMostWarnings = 64;
+constexpr int kMostPlacements = 16384;
 constexpr std::size_t kMostOtherServers = 3;  // as in the contract; each of them may be called in turn
 
 Code code_of(int number) {
   return number >= 0 && number <= static_cast<int>(Code::unauthenticated) ? static_cast<Code>(number) : Code::unknown;
 }
 
+// What is kept of a text from the server, and how much is not.
+std::string kept(const std::string& text) {
+  if (text.size() <= kMostTextBytes) return text;
+  const std::string first = first_bytes(text, kMostTextBytes);
+  return first + "... (" + std::to_string(text.size() - first.size()) + " more bytes were left out)";
+}
+
 template <class Messages>
 std::vector<Warning> warnings(const Messages& messages) {
   std::vector<Warning> found;
-  for (const auto& each : messages) found.push_back({each.reason(), each.message(), each.field()});
+  for (const auto& each : messages) {
+    if (found.size() == kMostWarnings) {
+      const std::size_t left_out = static_cast<std::size_t>(messages.size()) - kMostWarnings;
+      found.push_back({"WARNINGS_LEFT_OUT", std::to_string(left_out) + " more warnings came than are kept", ""});
+      break;
+    }
+    found.push_back({kept(each.reason()), kept(each.message()), kept(each.field())});
+  }
   return found;
 }
 
@@ -105,6 +123,12 @@ Status check(const OptionsChange& change) {
   return checked ? check_finite("guidance, of targets", change.guidance->second, kGuidance) : checked;
 }
 
+Status check_placements(int count) {
+  if (count <= kMostPlacements) return {};
+  return violation("an answer has " + std::to_string(count) + " placements; at most " +
+                   std::to_string(kMostPlacements) + " are kept");
+}
+
 Status check_size(const char* what, const google::protobuf::MessageLite& message, const Limits& limits) {
   const std::size_t most = Outbox::most_event_bytes(limits.max_request_bytes);
   const std::size_t given = message.ByteSizeLong();
@@ -182,9 +206,9 @@ v1::SetOptions set_options(const OptionsChange& change) {
 
 Opened opened(const v1::SessionOpened& message) {
   Opened made;
-  made.session_id = message.session_id();
-  made.model_id = message.model_id();
-  made.rig_id = message.rig_id();
+  made.session_id = kept(message.session_id());
+  made.model_id = kept(message.model_id());
+  made.rig_id = kept(message.rig_id());
   made.seed = message.seed();
   made.lookahead_frames = message.lookahead_frames();
   made.committed_horizon_frames = message.committed_horizon_frames();
@@ -198,17 +222,18 @@ std::vector<OtherServer> other_servers(const google::protobuf::RepeatedPtrField<
   std::vector<OtherServer> made;
   for (const v1::OtherServer& each : messages) {
     if (made.size() == kMostOtherServers) break;
-    made.push_back({each.address(), each.routing_key()});
+    made.push_back({kept(each.address()), kept(each.routing_key())});
   }
   return made;
 }
 
 Outcome outcome(const v1::EditOutcome& message) {
   Outcome made;
-  if (message.code() != 0) made.status = Status(code_of(message.code()), message.reason(), message.message());
+  if (message.code() != 0)
+    made.status = Status(code_of(message.code()), kept(message.reason()), kept(message.message()));
   if (message.has_effective_frame()) made.effective_frame = message.effective_frame();
-  made.field = message.field();
-  made.allowed = message.allowed();
+  made.field = kept(message.field());
+  made.allowed = kept(message.allowed());
   if (message.has_retry_after()) made.retry_after_s = seconds(message.retry_after());
   made.warnings = warnings(message.warnings());
   made.placements = placements(message.placements());
@@ -242,7 +267,7 @@ Status closed(const v1::SessionClosed& message) {
   const std::string prefix = "CLOSE_REASON_";
   reason = reason.empty() ? "UNSPECIFIED" : reason.substr(prefix.size());
   const Code code = message.code() == 0 ? Code::aborted : code_of(message.code());
-  return {code, reason, message.message().empty() ? "the server ended the session" : message.message()};
+  return {code, reason, message.message().empty() ? "the server ended the session" : kept(message.message())};
 }
 
 double seconds(const google::protobuf::Duration& duration) {

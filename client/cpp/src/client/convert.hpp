@@ -35,8 +35,10 @@ v1::OpenSession open_session(const SessionOptions& options);
 void set_rows(Span<const float> rows, const Rig& rig, v1::FrameChunk* frames);
 v1::SetOptions set_options(const OptionsChange& change);
 
-// ---- from the server
+// ---- from the server. Of each text, and of all warnings together, only so much is kept; it says if there was more
 
+// A violation if an answer has more placements than any request can ask for.
+Status check_placements(int count);
 // A violation if a rig contradicts itself.
 Result<std::shared_ptr<const Catalog>> catalog(const v1::GetCatalogResponse& message);
 // The model with an id, or the default model for an empty id, and its rig. nullptr if there is none.

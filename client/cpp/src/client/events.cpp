@@ -1,6 +1,8 @@
 // Compiled with exceptions, unlike the rest of the library: the callback is the application's code.
 #include "client/events.hpp"
 
+#include "client/answers.hpp"
+
 namespace motiongen {
 namespace {
 
@@ -13,11 +15,19 @@ void call(const std::function<void(const Event&)>& callback, const Event& event)
 void EventQueue::push(Event event) {
   const std::lock_guard<std::mutex> lock(mutex_);
   if (stopped_) return;
-  if (events_.size() == kMost) {
-    events_.pop_front();
+  bytes_ += bytes_of(event.outcome);
+  events_.push_back(std::move(event));
+  while (events_.size() > kMost || (bytes_ > kMostBytes && events_.size() > 1)) {
+    take_oldest();
     ++num_dropped_;
   }
-  events_.push_back(std::move(event));
+}
+
+Event EventQueue::take_oldest() {
+  Event event = std::move(events_.front());
+  events_.pop_front();
+  bytes_ -= bytes_of(event.outcome);
+  return event;
 }
 
 void EventQueue::dispatch() {
@@ -26,8 +36,7 @@ void EventQueue::dispatch() {
   if (dispatching_ != std::thread::id()) return;
   dispatching_ = std::this_thread::get_id();
   while (!events_.empty() && !stopped_) {
-    const Event event = std::move(events_.front());
-    events_.pop_front();
+    const Event event = take_oldest();
     lock.unlock();
     call(callback_, event);
     lock.lock();
@@ -39,8 +48,7 @@ void EventQueue::dispatch() {
 bool EventQueue::take(Event& event) {
   const std::lock_guard<std::mutex> lock(mutex_);
   if (callback_ || events_.empty()) return false;
-  event = std::move(events_.front());
-  events_.pop_front();
+  event = take_oldest();
   return true;
 }
 
@@ -53,6 +61,7 @@ void EventQueue::stop() {
   std::unique_lock<std::mutex> lock(mutex_);
   stopped_ = true;
   events_.clear();
+  bytes_ = 0;
   if (dispatching_ == std::this_thread::get_id()) return;
   idle_.wait(lock, [this] { return dispatching_ == std::thread::id(); });
 }

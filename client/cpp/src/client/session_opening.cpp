@@ -8,6 +8,7 @@
 namespace motiongen {
 namespace {
 
+constexpr std::size_t kMostTokenBytes = 4096;      // of a session's token; those of our server have less than 100
 constexpr std::uint32_t kMostLookahead = 1 << 16;  // frames; servers grant 10,000 at most
 constexpr std::uint64_t kAroundRowsBytes = 64;     // tags, lengths and numbers of the messages around rows
 
@@ -208,6 +209,12 @@ void SessionState::take_opened(const v1::SessionOpened& message, const Catalog& 
   }
   const bool is_closing = phase == Phase::closing && resuming_;
   if (phase != Phase::opening && !is_closing) return;
+  if (message.session_token().size() > kMostTokenBytes) {
+    return break_off(
+        violation("a session was opened with a token of " + std::to_string(message.session_token().size()) +
+                  " bytes; at most " + std::to_string(kMostTokenBytes) + " can be"),
+        events, outbox);
+  }
   if (resuming_) return take_resumed(message, catalog, events, outbox);
   const auto found = convert::session_rig(catalog, message, options.outputs);
   if (!found) return break_off(found.status(), events, outbox);

@@ -108,6 +108,8 @@ void SessionState::take(const v1::SessionUpdate& update, const Catalog& catalog,
                                std::to_string(kLastFrame)),
                      events, outbox);
   }
+  const Status fits = convert::check_placements(update.opened().placements_size() + update.outcome().placements_size());
+  if (!fits) return break_off(fits, events, outbox);
   last_seq = std::max<std::uint64_t>(last_seq, update.applied_seq());
   if (update.has_opened()) {
     take_opened(update.opened(), catalog, events, outbox);
@@ -189,16 +191,8 @@ Event SessionState::event_of(EventKind kind) const {
 void SessionState::note_answer(EditId first, EditId last, Outcome outcome, EventQueue& events) {
   Event event = event_of(EventKind::edit);
   event.outcome = outcome;
-  answers_.push_back({first, last, std::move(outcome)});
-  if (answers_.size() > kAnswersKept) answers_.pop_front();
+  answers_.note(first, last, std::move(outcome));
   for (event.edit = first; event.edit <= last; ++event.edit) events.push(event);
-}
-
-std::optional<Outcome> SessionState::find_answer(EditId edit) const {
-  for (const auto& each : answers_) {
-    if (each.first <= edit && edit <= each.last) return each.outcome;
-  }
-  return std::nullopt;
 }
 
 void SessionState::note_reached(const v1::ConstraintReached& message, EventQueue& events) {

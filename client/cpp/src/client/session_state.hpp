@@ -2,12 +2,12 @@
 #pragma once
 
 #include <condition_variable>
-#include <deque>
 #include <memory>
 #include <mutex>
 #include <optional>
 #include <random>
 
+#include "client/answers.hpp"
 #include "client/backoff.hpp"
 #include "client/book.hpp"
 #include "client/events.hpp"
@@ -109,7 +109,7 @@ class SessionState {
   void give_up_opening(EventQueue& events);
 
   // The answer to an edit, if it has arrived.
-  std::optional<Outcome> find_answer(EditId edit) const;
+  std::optional<Outcome> find_answer(EditId edit) const { return answers_.find(edit); }
 
  private:
   void report_before_edit(Outbox& outbox);
@@ -157,14 +157,6 @@ class SessionState {
                            std::string& rows) const;
   void say_as_rows(v1::Seek& seek, const Catalog& catalog) const;
 
-  static constexpr std::size_t kAnswersKept = 1024;
-
-  struct Answer {
-    EditId first = 0;
-    EditId last = 0;
-    Outcome outcome;
-  };
-
   std::uint64_t base_ = 0;  // the timeline's frame that is frame 0 of the present session on the server
   const bool recovers_;
   bool was_open_ = false;
@@ -177,7 +169,7 @@ class SessionState {
   std::minstd_rand random_{std::random_device{}()};
   Repeating repeating_;
   std::uint64_t said_to_ = 0;  // the highest event number that the present session on the server may have received
-  std::deque<Answer> answers_;
+  AnswerBook answers_;
 };
 
 }  // namespace motiongen

@@ -57,7 +57,9 @@ struct ClientStats {
   std::uint64_t messages = 0;
   std::uint64_t bytes = 0;  // of the messages received
   std::uint64_t chunks = 0;
-  std::uint64_t dropped_events = 0;  // `next_event`'s queue holds 65,536; beyond that the oldest are dropped
+  // Events wait for `next_event` or for the callback, up to 65,536 of them or 64 MiB. Beyond that the oldest are
+  // dropped.
+  std::uint64_t dropped_events = 0;
   std::uint32_t reconnects = 0;
   double round_trip_s = 0;  // 0: not yet measured
 };

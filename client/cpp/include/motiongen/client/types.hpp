@@ -86,7 +86,9 @@ using EditId = std::uint64_t;
 
 // Something that was accepted although the model was not trained for it.
 struct Warning {
-  std::string reason;  // PROMPT_OUTSIDE_DOMAIN, UNTRAINED_CONSTRAINT, UNTRAINED_SPEED
+  // PROMPT_OUTSIDE_DOMAIN, UNTRAINED_CONSTRAINT, UNTRAINED_SPEED; or WARNINGS_LEFT_OUT, after the first 64, if the
+  // server sent more
+  std::string reason;
   std::string message;
   std::string field;
 };
@@ -127,7 +129,8 @@ struct OtherServer {
   std::string routing_key;
 };
 
-// The answer to an edit. `status` is OK or the server's refusal; docs/protocol.md lists the reasons.
+// The answer to an edit. `status` is OK or the server's refusal; docs/protocol.md lists the reasons. Of each
+// text, 4,096 bytes are kept; the end of a longer one says how much was left out.
 struct Outcome {
   Status status;
   std::optional<std::uint64_t> effective_frame;  // the first frame it affects; absent if it affects none

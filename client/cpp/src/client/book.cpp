@@ -156,6 +156,12 @@ bool SessionBook::is_being_set(std::uint32_t target) const {
   });
 }
 
+bool SessionBook::is_unanswered(EditId edit) const {
+  return std::any_of(pending_.begin(), pending_.end(), [edit](const Pending& each) {
+    return each.edit - each.num_overtaken <= edit && edit <= each.edit;
+  });
+}
+
 bool SessionBook::expects(std::uint32_t target) const {
   const auto has_id = [target](const v1::Constraint& each) { return each.constraint_id() == target; };
   return is_being_set(target) || std::any_of(constraints_.begin(), constraints_.end(), has_id);

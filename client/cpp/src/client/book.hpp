@@ -111,6 +111,8 @@ class SessionBook {
   std::vector<std::uint32_t> targets_of(std::uint64_t event_seq) const;
   // How many edits, those numbered just before its own, an unanswered event has taken the place of.
   EditId num_overtaken(std::uint64_t event_seq) const;
+  // Whether the answer to an edit is still to come.
+  bool is_unanswered(EditId edit) const;
   // Whether an unanswered event asks for a cut.
   bool is_cut(std::uint64_t event_seq) const;
   // Whether an unanswered event sets a target.

@@ -32,6 +32,7 @@ Status Session::close() {
     if (must_tell) state_->send_close(core_->outbox());
     state_->phase = Phase::closing;
     if (!must_tell) state_->end_as_wished(core_->events());
+    state_->changed.notify_all();
   }
   core_->flush();
   return {};

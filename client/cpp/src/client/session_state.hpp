@@ -108,6 +108,9 @@ class SessionState {
   // No other server will be asked: a session that was open before waits for this one, any other ends.
   void give_up_opening(EventQueue& events);
 
+  // Whether no frame will come any more.
+  bool gets_no_more() const { return phase == Phase::closed || phase == Phase::closing; }
+
   // The answer to an edit, if it has arrived.
   std::optional<Outcome> find_answer(EditId edit) const { return answers_.find(edit); }
 

@@ -19,6 +19,11 @@ Status too_long(const char* what, double timeout_s) {
           std::string(what) + " took longer than " + std::to_string(timeout_s) + " s"};
 }
 
+Status no_answer(EditId edit) {
+  return invalid("edit", std::to_string(edit),
+                 "an edit of this session that has no answer yet, or whose answer is among the last that are kept");
+}
+
 // Why this call cannot wait, or not for so long.
 Status check_wait(const EventQueue& events, double timeout_s) {
   if (events.in_callback()) return in_callback();
@@ -33,7 +38,7 @@ Result<Opened> Session::wait_open(double timeout_s) {
   Status checked = check_wait(core_->events(), timeout_s);
   if (!checked) return checked;
   std::unique_lock<std::mutex> lock(state_->mutex);
-  const auto told = [this] { return state_->timeline.has_value() || state_->phase == Phase::closed; };
+  const auto told = [this] { return state_->timeline.has_value() || state_->gets_no_more(); };
   if (!state_->changed.wait_for(lock, of(timeout_s), told)) return too_long("opening the session", timeout_s);
   if (!state_->timeline) return state_->ended;
   return state_->opened;
@@ -42,21 +47,25 @@ Result<Opened> Session::wait_open(double timeout_s) {
 Result<Outcome> Session::wait_edit(EditId edit, double timeout_s) {
   Status checked = check_wait(core_->events(), timeout_s);
   if (!checked) return checked;
+  if (edit == 0) return no_answer(edit);  // the library's own events have this number
   std::unique_lock<std::mutex> lock(state_->mutex);
   std::optional<Outcome> answer;
   const auto told = [&] {
     answer = state_->find_answer(edit);
-    return answer || state_->phase == Phase::closed;
+    return answer || state_->phase == Phase::closed || !state_->book.is_unanswered(edit);
   };
   if (!state_->changed.wait_for(lock, of(timeout_s), told)) return too_long("the answer", timeout_s);
-  if (!answer) return state_->ended;
-  return *answer;
+  if (answer) return *answer;
+  return state_->phase == Phase::closed ? state_->ended : no_answer(edit);
 }
 
 Result<Reached> Session::wait_reached(std::uint32_t target, double timeout_s) {
   Status checked = check_wait(core_->events(), timeout_s);
   if (!checked) return checked;
   std::unique_lock<std::mutex> lock(state_->mutex);
+  if (!state_->book.knows_constraint(target)) {
+    return invalid("target", std::to_string(target), "an id that an earlier call gave");
+  }
   std::optional<Reached> found;
   std::optional<Status> refused;
   const auto told = [&] {
@@ -78,7 +87,7 @@ Status Session::wait_frame(std::uint64_t frame, double timeout_s) {
   Status checked = check_wait(core_->events(), timeout_s);
   if (!checked) return checked;
   std::unique_lock<std::mutex> lock(state_->mutex);
-  const auto there = [&] { return state_->phase == Phase::closed || state_->showable_to() > frame; };
+  const auto there = [&] { return state_->gets_no_more() || state_->showable_to() > frame; };
   if (!state_->changed.wait_for(lock, of(timeout_s), there)) return too_long("the frame", timeout_s);
   return state_->showable_to() > frame ? Status() : state_->ended;
 }

@@ -88,14 +88,15 @@ class MOTIONGEN_API Session {
   // timeout_s: infinity waits for ever; INVALID_ARGUMENT for NaN
 
   [[nodiscard]] Result<Opened> wait_open(double timeout_s);
-  // The answer to an edit of this session. The last 1,024 answers are kept.
+  // The answer to an edit of this session. The last 1,024 answers are kept, or as many as fit into 16 MiB;
+  // INVALID_ARGUMENT for an edit of earlier ones, or of none.
   [[nodiscard]] Result<Outcome> wait_edit(EditId edit, double timeout_s);
   // Where the server put a target that left frames or places to it; nothing until the answer has arrived. The last
   // 1,024 are kept.
   std::optional<Placement> placement(std::uint32_t target) const;
   // What became of a target; the last 1,024 results are kept. If there will be no result, the status says why: the
   // target was refused, or its frames passed while the connection was lost (FRAME_COMMITTED). For a removed target the
-  // wait only ends with the session.
+  // wait only ends with the session. INVALID_ARGUMENT for an id that was not given out.
   [[nodiscard]] Result<Reached> wait_reached(std::uint32_t target, double timeout_s);
   // Wait until the frame has arrived and, with Clock::manual, may be shown (`advance_to`). By then it may already have
   // been dropped, as frames more than `keep_frames` behind the playhead are: `copy_frame` tells.

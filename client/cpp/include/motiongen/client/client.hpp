@@ -48,8 +48,9 @@ struct ClientOptions {
   bool reconnect = true;           // after a loss of the stream; false: sessions end with it
   std::string agent;               // follows the library's name in the server's logs; truncated to 100 bytes
   // Called with each event, one at a time, on a thread of the library; absent: events are queued for `next_event`. It
-  // may call any function that does not wait, and may destroy sessions and the client itself. It must not throw: an
-  // escaping exception terminates the program.
+  // may call any function that does not wait, and may destroy sessions and the client itself. It should return soon:
+  // until then no frames may be received and no playheads be reported. It must not throw: an escaping exception
+  // terminates the program.
   std::function<void(const Event&)> on_event;
 };
 

@@ -103,6 +103,7 @@ class Talk {
   }
 
   void say_chunk() {
+    if (timeline() != nullptr && timeline()->plan() == 0 && below(60) != 0) return say_plan();
     wire::Chunk chunk;
     const auto format = stage_.state.options.frame_format;
     const std::size_t row_bytes = timeline() != nullptr ? stored_row_bytes(stage_.state.rig, format) : 44;

@@ -9,7 +9,7 @@
 namespace motiongen {
 namespace {
 
-constexpr double kSoonS = 1.3 * Backoff::kFirstS;  // with jitter
+constexpr double kSoonS = 0.062;  // above the first wait with the most jitter, below the second with the least
 
 // A session that a server opens, or resumes if it is durable.
 struct Asking : Stage {

@@ -71,7 +71,11 @@ def test_shares_of_owners_do_not_apply_while_there_is_time_for_all() -> None:
 
 def test_jobs_of_one_owner_are_ordered_by_class_and_deadline() -> None:
     scheduler = _scheduler(4, large=(100, HERO, 1.0))
-    for job in (window_job(5001, CROWD, 1.0), window_job(5002, NEAR, 9.0), window_job(5003, NEAR, 8.0)):
+    for job in (
+        window_job(5001, CROWD, LATER + 1),
+        window_job(5002, NEAR, LATER + 9),
+        window_job(5003, NEAR, LATER + 8),
+    ):
         scheduler.add(replace(job, owner=Owner("small")), 1)
     scheduler.schedule(LATER)
     assert [held.job.job_id for held in scheduler.schedule(LATER) if held.job.owner.name == "small"] == [5003, 5002]

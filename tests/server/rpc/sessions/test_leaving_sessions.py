@@ -53,7 +53,11 @@ async def test_lost_engine_leaves_events_of_a_saved_session_unanswered(line: Lin
     assert line.updates()[-1].applied_seq == 1
 
 
-async def test_lost_engine_answers_every_event_of_a_session_that_is_not_saved(line: Line) -> None:
+@pytest.mark.parametrize("durable", [None, Durable(KEY, 1, is_kept=False)], ids=["never", "not any more"])
+async def test_lost_engine_answers_every_event_of_a_session_that_is_not_saved(
+    line: Line, durable: Durable | None
+) -> None:
+    entry_of(line).durable = durable
     line.stream.take(session_closed().outcome(KEY, 4), LOST)
     assert sorted(answered(line)) == [2, 3, 4]
     assert line.updates()[-1].applied_seq == 3
@@ -120,7 +124,12 @@ async def test_session_taken_by_another_server_answers_nothing_more(line: Line) 
         await asyncio.sleep(0)
     line.stream.take(Closed(KEY, CloseReason.TAKEN_OVER, Code.OK, "", 0, 0))
     assert answered(line) == []
-    assert (line.updates()[-1].closed.reason, line.updates()[-1].applied_seq) == (CloseReason.TAKEN_OVER, 1)
+    update = line.updates()[-1]
+    assert (update.closed.reason, update.applied_seq) == (CloseReason.TAKEN_OVER, 1)
+    assert (update.closed.code, update.closed.message) == (
+        Code.UNAVAILABLE,
+        "another server has taken over the session; resume it there",
+    )
     assert len(line.engine.events) == 2, "its Open and its Close"
     await asyncio.to_thread(durability.close)
 

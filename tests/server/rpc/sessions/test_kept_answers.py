@@ -17,6 +17,7 @@ from motiongen_server.engine.types import (
     Placement,
     PlanCause,
     PlanNotice,
+    Resumed,
     SessionKey,
     Warned,
 )
@@ -125,6 +126,21 @@ async def test_placements_of_an_opening_are_dropped_once_it_is_confirmed(grace_s
     assert line.stream.num_waiting_bytes == 256 * PLACEMENT_OBJECT_BYTES, "the client has not confirmed the opening"
     line.send(0, playhead=session_pb2.Playhead(frame=0, answered_seq=1))
     assert line.stream.num_waiting_bytes == 0
+
+
+async def test_client_that_resumes_without_any_answer_is_sent_the_placements_of_the_opening() -> None:
+    line = Line(kept=(kept := KeptSessions(30.0)))
+    line.send(1, open=session_pb2.OpenSession())
+    key = line.engine.events[0].session
+    line.stream.take(Opened(key, 1, 0, 40, 4, 4, "tiny", "stick", 20, placements=FULL))
+    token = line.updates()[0].opened.session_token
+    line.stream.lose()
+    again = Line(engine=line.engine, kept=kept, number=2)
+    point = session_pb2.ResumePoint(attempt=1)
+    again.send(1, open=session_pb2.OpenSession(resume_token=token, resume_point=point))
+    again.stream.take(Resumed(key, 1, 0))
+    (opened,) = (update.opened for update in again.updates() if update.HasField("opened"))
+    assert len(opened.placements) == len(FULL)
 
 
 async def test_reached_constraint_is_kept_until_a_frame_sent_after_it_is_shown() -> None:

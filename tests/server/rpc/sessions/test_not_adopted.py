@@ -11,6 +11,7 @@ from motiongen_server.rpc.sessions.durability import Durability, lease_of
 from motiongen_server.rpc.sessions.event_path import MAX_WAITING_EVENTS
 from motiongen_server.rpc.sessions.kept_sessions import KeptSessions
 from motiongen_server.snapshots.record import write_record
+from motiongen_server.snapshots.store import Renewal
 from tests.server.rpc.sessions.test_taking_over import RECORD, TOKEN, SlowStore, of_model, resuming
 from tests.server.rpc.streams.test_event_order import PAUSE, Line
 from tests.waiting import until_true
@@ -68,6 +69,17 @@ async def test_events_wait_for_the_take_over_but_playheads_are_dropped(tmp_path:
     line.send(0, playhead=session_pb2.Playhead(frame=70))
     assert [event.event_seq for event in line.engine.events] == [1, RECORD.taken_seq + 1, 0]
     await until_true(lambda: not line.stream.peer.waiting_bytes)
+    await asyncio.to_thread(durability.close)
+
+
+async def test_server_that_is_going_away_takes_no_session_over(tmp_path: Path) -> None:
+    line, store, durability = asking(tmp_path)
+    store.gate.set()
+    line.stream.accepts_opens = False
+    line.send(1, open=resuming(9))
+    await until_true(lambda: bool(line.refusals() or line.engine.events))
+    assert line.refusals() == [(1, "DRAINING")]
+    assert store.renew([lease_of(TOKEN)]) == [Renewal.KEPT], "the server that has it keeps it"
     await asyncio.to_thread(durability.close)
 
 

@@ -135,6 +135,17 @@ async def test_previous_token_is_invalid_once_the_client_was_heard_with_the_newe
     assert await servers.ask_other(SECOND) == THIRD
 
 
+async def test_previous_token_is_valid_after_events_that_were_sent_with_the_resume(servers: Servers) -> None:
+    """They show nothing: the client sent them before it could have the newest token."""
+    line = servers.line()
+    line.send(1, open=servers.resuming(FIRST))
+    line.send(RECORD.taken_seq + 1, set_play_state=PAUSE)
+    await until_true(lambda: len(line.engine.events) == 2)
+    line.stream.take(Resumed(KEY, servers._attempt, 0))
+    await servers.saved(line)
+    assert await servers.ask_other(FIRST) == THIRD
+
+
 async def test_previous_token_is_invalid_once_the_newest_was_used_to_resume(servers: Servers) -> None:
     line = await servers.adopted()
     assert await servers.ask_other(SECOND) == THIRD

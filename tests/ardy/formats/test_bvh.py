@@ -34,6 +34,44 @@ def test_motion_of_every_skeleton_round_trips(tmp_path: Path, name: str, units_p
     torch.testing.assert_close(again.positions(), stored.positions(), atol=1e-5, rtol=0)
 
 
+@pytest.mark.parametrize("fps", [24, 30, 60, 120, 240])
+def test_a_frame_time_is_written_as_exactly_as_its_rate_needs(tmp_path: Path, fps: int) -> None:
+    write_bvh(tmp_path / "motion.bvh", random_motion(CORE, 2, seed=1, fps=fps))
+    assert read_bvh(tmp_path / "motion.bvh").motion.fps == fps
+    found = re.search(r"Frame Time: (\S+)", (tmp_path / "motion.bvh").read_text())
+    assert found is not None
+    assert float(found[1]) * fps == pytest.approx(1, abs=1e-5)
+
+
+@pytest.mark.parametrize("units_per_metre", [100.0, 1.0])
+def test_a_last_joint_ends_5_cm_further_on(tmp_path: Path, units_per_metre: float) -> None:
+    write_bvh(tmp_path / "motion.bvh", random_motion(CORE, 2, seed=1), units_per_metre)
+    text = (tmp_path / "motion.bvh").read_text()
+    ends = np.array([line.split() for line in re.findall(r"End Site\s*{\s*OFFSET (.*)", text)], float)
+    assert len(ends) == len(set(range(CORE.num_joints)) - set(CORE.parents))
+    np.testing.assert_allclose(np.linalg.norm(ends, axis=1), 0.05 * units_per_metre, atol=1e-5)
+
+
+def test_joints_may_be_in_any_order(tmp_path: Path) -> None:
+    """Neither the motion's joints nor the file's are in the order of the skeleton that is read."""
+    depths = [0]
+    for parent in CORE.parents[1:]:
+        depths.append(depths[parent] + 1)
+    order = sorted(range(CORE.num_joints), key=lambda joint: (depths[joint], -joint))  # level by level, the last first
+    place = {joint: at for at, joint in enumerate(order)}
+    shuffled = replace(
+        CORE,
+        joint_names=tuple(CORE.joint_names[joint] for joint in order),
+        parents=tuple(place.get(CORE.parents[joint], -1) for joint in order),
+        neutral_joints=CORE.neutral_joints[order],
+    )
+    stored = random_motion(shuffled, 3, seed=1)
+    write_bvh(tmp_path / "motion.bvh", stored)
+    again = read_bvh(tmp_path / "motion.bvh")
+    assert again.skeleton is CORE
+    torch.testing.assert_close(again.positions()[:, order], stored.positions(), atol=1e-5, rtol=0)
+
+
 def test_joint_names_may_be_any_unicode(tmp_path: Path) -> None:
     names = tuple(f"{name}_\u9aa8" for name in CORE.joint_names)
     stored = random_motion(replace(CORE, joint_names=names), 3, seed=1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 import torch
 
+from motiongen_ardy.core.representation import motion_from_pose
 from motiongen_ardy.core.skeleton import load_skeleton
 from motiongen_ardy.formats.errors import FormatError
 from motiongen_ardy.formats.g1_csv import (
@@ -54,6 +56,50 @@ def test_the_columns_are_those_of_ardy(tmp_path: Path) -> None:
     assert table.shape == (4, 36)
     np.testing.assert_allclose(table[:, :3], qpos[:, :3], atol=1e-6)
     np.testing.assert_allclose(table[:, 7:], qpos[:, 7:], atol=1e-5)
+
+
+def test_the_columns_of_the_controller_format_hold_what_their_names_say(tmp_path: Path) -> None:
+    """A robot that walks along +X at 1 m/s, half a metre up, turns left by 90 degrees a second, and bends a knee."""
+    qpos, time_s = walking_qpos(26, 25), torch.arange(26, dtype=torch.float64) / 25
+    qpos[:, 0], qpos[:, 1], qpos[:, 2] = time_s, 0.25, 0.5
+    qpos[:, 3], qpos[:, 4:6], qpos[:, 6] = torch.cos(math.pi / 4 * time_s), 0, torch.sin(math.pi / 4 * time_s)
+    qpos[:, KNEE] = time_s
+    write_controller_csv(tmp_path / "walk.controller.csv", qpos_motion("walk", qpos, 25))
+    with (tmp_path / "walk.controller.csv").open() as file:
+        row = {name: float(word) for name, word in list(csv.DictReader(file))[-1].items()}
+    half = math.sin(math.pi / 4)
+    for name, value in {
+        "time_s": 1, "root_x_m": 1, "root_y_m": 0.25, "root_z_m": 0.5,
+        "root_qw": half, "root_qx": 0, "root_qy": 0, "root_qz": half, "left_knee_joint_rad": 1,
+        "root_vx_m_s": 1, "root_vy_m_s": 0, "root_vz_m_s": 0,
+        "root_wx_rad_s": 0, "root_wy_rad_s": 0, "root_wz_rad_s": math.pi / 2, "left_knee_joint_rad_s": 1,
+    }.items():  # fmt: skip
+        assert row[name] == pytest.approx(value, abs=1e-4), name
+
+
+def test_the_clock_may_be_rounded_by_less_than_a_thousandth_of_a_period(tmp_path: Path, walk: StoredMotion) -> None:
+    path = tmp_path / "walk.controller.csv"
+    write_controller_csv(path, walk, 30)
+    header, *rows = path.read_text().splitlines()
+
+    def rounded(digits: int) -> str:
+        parts = [row.split(",", 1) for row in rows]
+        return "\n".join([header, *(f"{float(time_s):.{digits}f},{more}" for time_s, more in parts)])
+
+    path.write_text(rounded(5))
+    assert read_trajectory(path).rate_hz == pytest.approx(30)
+    path.write_text(rounded(3))
+    with pytest.raises(FormatError, match="time_s does not grow evenly"):
+        read_trajectory(path)
+
+
+def test_contacts_are_those_of_the_poses(walk: StoredMotion) -> None:
+    contacts = walk.motion.foot_contacts
+    wanted = motion_from_pose(
+        walk.skeleton, walk.motion.local_rotations.double(), walk.motion.root_positions.double(), 25
+    ).foot_contacts
+    assert torch.equal(contacts, wanted)
+    assert contacts.any()
 
 
 def test_a_table_saved_by_a_spreadsheet_with_a_byte_order_mark_is_read(tmp_path: Path, walk: StoredMotion) -> None:

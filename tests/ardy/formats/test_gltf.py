@@ -14,6 +14,7 @@ import torch
 
 from motiongen_ardy.core.rotation import quaternion_to_matrix
 from motiongen_ardy.core.skeleton import load_skeleton, skeleton_names
+from motiongen_ardy.formats.bone_mesh import bone_mesh
 from motiongen_ardy.formats.errors import FormatError
 from motiongen_ardy.formats.gltf import write_glb
 from tests.ardy.formats.motions import random_motion
@@ -134,6 +135,36 @@ def test_the_mesh_moves_with_the_bones(tmp_path: Path) -> None:
             assert np.linalg.norm(diamond - at[joint], axis=1).min() < 1e-4
     lowest = glb.world(None)[:27, 1, 3].min()
     assert lowest == pytest.approx(0, abs=1e-6), "at rest the body stands on the ground"
+
+
+def test_a_viewer_finds_the_body_its_skin_and_smooth_motion(tmp_path: Path) -> None:
+    skeleton = load_skeleton("core27")
+    write_glb(tmp_path / "motion.glb", random_motion(skeleton, 3, seed=1))
+    glb = Glb(tmp_path / "motion.glb")
+    body = [(node.get("mesh"), node.get("skin")) for node in glb.json["nodes"]].index((0, 0))
+    assert glb.json["scenes"][glb.json["scene"]]["nodes"] == [0, body]
+    assert {sampler["interpolation"] for sampler in glb.json["animations"][0]["samplers"]} == {"LINEAR"}
+    (primitive,) = glb.json["meshes"][0]["primitives"]
+    views = [
+        glb.json["accessors"][index]["bufferView"] for index in primitive["attributes"].values() if index is not None
+    ]
+    assert {glb.json["bufferViews"][view]["target"] for view in views} == {34962}  # of vertices, by the specification
+
+
+def test_every_face_of_the_mesh_looks_outward(tmp_path: Path) -> None:
+    """Engines do not draw the back of a face: one that looks inward would be a hole."""
+    mesh = bone_mesh(load_skeleton("core27"))
+    bones = mesh.positions.reshape(-1, 8, 3, 3).astype(np.float64)  # eight triangles each
+    middles = bones.mean(axis=(1, 2), keepdims=True)[:, :, 0]
+    wound = np.cross(bones[:, :, 1] - bones[:, :, 0], bones[:, :, 2] - bones[:, :, 0])
+    assert ((wound * (bones.mean(axis=2) - middles)).sum(-1) > 0).all()
+    normals = mesh.normals.reshape(-1, 8, 3, 3)
+    length = np.linalg.norm(wound, axis=-1, keepdims=True)
+    np.testing.assert_allclose(normals, np.repeat((wound / length)[:, :, None], 3, axis=2), atol=1e-4)
+    write_glb(tmp_path / "motion.glb", random_motion(load_skeleton("core27"), 2, seed=1))
+    glb = Glb(tmp_path / "motion.glb")
+    written = glb.array(glb.json["meshes"][0]["primitives"][0]["attributes"]["NORMAL"])
+    np.testing.assert_array_equal(written, mesh.normals)
 
 
 def test_without_pygltflib_the_error_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -71,7 +71,7 @@ def test_missing_authority_or_token_file_is_refused(tmp_path: Path) -> None:
         encoder_token(ServerConfig(text_encoder="grpc:x:1", text_encoder_token=nowhere), "localhost:1", by_tls=True)
 
 
-@pytest.mark.parametrize("content", ["", "\n", "mg_1 mg_2", "mg_1\nmg_2", "\ufeffmg_1", "mg_\u00e9", "mg_\0"])
+@pytest.mark.parametrize("content", ["", "\n", "mg_1 mg_2", "mg_1\nmg_2", "mg_1\ufeff", "mg_\u00e9", "mg_\0"])
 def test_malformed_token_file_is_refused_and_the_previous_token_kept(tmp_path: Path, content: str) -> None:
     path = tmp_path / "token"
     settings = ServerConfig(text_encoder="grpc:x:1", text_encoder_token=str(path))

@@ -154,3 +154,11 @@ async def test_unsolicited_pongs_neither_keep_a_connection_nor_set_the_round_tri
     streams = await replaced_by_another_connection(server, lambda stream: stream.outgoing.put(pong))
     told = [ping.round_trip.ToSeconds() for stream in streams for ping in stream.pings]
     assert all(0 <= seconds < LIMIT_S for seconds in told)
+
+
+async def test_pong_sent_again_and_again_does_not_keep_a_connection(server: FakeServer) -> None:
+    def say(stream: FakeStream) -> None:
+        pong = service_pb2.Pong(client_time_ns=stream.pings[0].client_time_ns)
+        stream.outgoing.put(service_pb2.StreamMotionResponse(pong=pong))
+
+    await replaced_by_another_connection(server, say)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from motiongen.v1 import motion_pb2, session_pb2
 from motiongen_client import Session, SessionEnded, convert
 from tests.client.line import Line, answer, frames, open_anew, open_with_frames, opened, said_since_opened
-from tests.client.synthetic import HORIZON, ROW_WIDTH, catalog
+from tests.client.synthetic import HORIZON, ROW_WIDTH, catalog, synthetic_rows
 
 
 @pytest.fixture
@@ -129,3 +130,43 @@ async def test_history_and_the_rest_of_a_reopening_fit_into_one_message_of_any_l
         said = line.said[-1]
         assert said.open.prior_frames.frame_count > 10
         assert said.ByteSize() <= limit * 9 // 10, "the session would end"
+
+
+async def test_history_of_a_reopening_begins_at_the_last_cut(session: Session, line: Line) -> None:
+    cut, chunk = frames(2, HORIZON)
+    cut.plan.cause = session_pb2.PLAN_CAUSE_CUT
+    chunk.chunk.frame_count = 2
+    chunk.chunk.data = chunk.chunk.data[: 2 * 4 * ROW_WIDTH]
+    session.hear(cut)
+    session.hear(chunk)
+    session.interrupt()
+    session.reattach(convert.catalog(catalog(100)))
+    prior = line.said[-1].open.prior_frames
+    rows = np.frombuffer(prior.data, "<f4").reshape(prior.frame_count, ROW_WIDTH)
+    expected = synthetic_rows(2, HORIZON, 2)[[0, 0, 0, 1]]  # a window sees four: the first is repeated
+    assert (rows == expected).all()
+
+
+@pytest.mark.parametrize("changed", ["outputs", "width"])
+async def test_session_ends_if_the_rows_of_the_next_server_differ(session: Session, line: Line, changed: str) -> None:
+    offered = catalog(100)
+    if changed == "width":
+        offered.rigs[0].blocks.add(name="more", width=2)
+    session.interrupt()
+    session.reattach(convert.catalog(offered))
+    anew = opened()
+    if changed == "outputs":
+        anew.opened.outputs.add(name="joint_positions_m", width=3 * session.rig.num_joints)
+    session.hear(anew)
+    with pytest.raises(SessionEnded, match="model_unloaded"):
+        session.set_prompt("run")
+    assert line.said[-1].HasField("close")
+
+
+async def test_durability_is_called_back_when_it_changes(session: Session) -> None:
+    told: list[bool] = []
+    session.on_durability = told.append
+    for is_kept in (False, True, True, False):
+        saved = session_pb2.SessionDurability(is_kept=is_kept)
+        session.hear(session_pb2.SessionUpdate(session=1, durability=saved))
+    assert told == [True, False]

@@ -8,12 +8,13 @@ import grpc
 import pytest
 
 from motiongen.v1 import session_pb2
-from motiongen_client import LinePolicy, MotionClient
+from motiongen_client import LinePolicy, MotionClient, StreamLost, convert
 from motiongen_client.backoff import FIRST_DELAY_S, LONGEST_DELAY_S, Backoff
 from motiongen_client.session import Session
 from tests.client.conftest import ManualClock
 from tests.client.fake_server import FakeServer, full
 from tests.client.line import Line, frames, open_session, opened
+from tests.client.synthetic import catalog
 from tests.client.waiting import until
 
 
@@ -51,6 +52,34 @@ async def test_session_dropped_after_each_opening_is_asked_for_more_and_more_rar
     for update in frames(1):
         session.hear(update)
     assert await dropped(session, line, clock, FIRST_DELAY_S), "frames came: it may have served well for hours"
+
+
+async def test_session_dropped_by_a_server_that_leaves_is_asked_for_on_the_next_call_only(clock: ManualClock) -> None:
+    line = Line()
+    session = await open_session(line)
+    line.draining = True
+    assert not await dropped(session, line, clock, LONGEST_DELAY_S)
+    line.draining = False
+    before = num_openings(line)
+    session.interrupt()
+    session.reattach(convert.catalog(catalog(100)))
+    assert num_openings(line) == before + 1
+
+
+@pytest.mark.parametrize("news", ["another call", "the end of the session"])
+async def test_attempt_that_was_to_be_made_is_forgotten_after(clock: ManualClock, news: str) -> None:
+    line = Line()
+    session = await open_session(line)
+    assert not await dropped(session, line, clock, 0.0)
+    if news == "another call":
+        line.call_number += 1  # on which the session has been asked for by itself
+    else:
+        session.fail(StreamLost("CANCELLED", "the stream was closed here"))
+    before = num_openings(line)
+    clock.advance(LONGEST_DELAY_S)
+    for _ in range(5):
+        await asyncio.sleep(0)
+    assert num_openings(line) == before
 
 
 async def test_session_to_continue_is_asked_for_once_at_each_of_two_full_servers_that_name_each_other(

@@ -3,10 +3,11 @@
 Frames that a client would run out of precede anything that only changes frames: a window without which a client's
 frames end soon comes first, whatever its class and cause, and so does a first window that has waited for long. Then
 classes go in order of priority, but each has a reserved share of all rows: while jobs of a class are left over, it gets
-a row at the latest when it is owed a whole one, so that no class starves. Windows that have missed their deadlines join
-the most urgent class that has any (ADR 105). Within a class, windows that have begun go first, then the earliest
-deadline. Owners have shares of the same kind (`owner_shares`). Background jobs come after all classes, whatever class
-they have themselves, and have a share like a class: nobody waits for them, and none of them waits for ever.
+a row at the latest when it is owed a whole one, so that no class starves. Windows that have missed their deadlines are
+taken with those of the most urgent class, and those of their class that have begun with them (ADR 105). Within a class,
+windows that have begun go first, then the earliest deadline. Owners have shares of the same kind (`owner_shares`).
+Background jobs come after all classes, whatever class they have themselves, and have a share like a class: nobody waits
+for them, and none of them waits for ever.
 
 Preparing and decoding cost little more for several windows than for one. So new windows gather: if the running windows
 of their class, or these and those of more urgent classes, will soon be done, they wait for them and begin together.
@@ -162,18 +163,16 @@ class Scheduler:
             late = []
 
     def _late(self, place: int, now: float) -> list[ScheduledJob]:
-        """The jobs of a class that have missed their deadlines; none of the background."""
-        if place == _BACKGROUND:
+        """If jobs of a class have missed their deadlines: these and those that have begun. None of the background."""
+        if place == _BACKGROUND or self._queues[place][0][0] >= now:
             return []
-        queue = self._queues[place]
-        return [self._jobs[job_id] for _, job_id in queue[: bisect_left(queue, (now, 0))]]
+        held = (self._jobs[job_id] for _, job_id in self._queues[place])
+        return [one for one in held if one.prepared or one.job.deadline < now]
 
     def _at(self, place: int, others: Sequence[ScheduledJob] = ()) -> list[ScheduledJob]:
         """The jobs of a class, or of the background, and others: first those that have begun, then by deadline."""
-        held = [self._jobs[job_id] for _, job_id in self._queues[place]]
-        if others:
-            held = sorted((*held, *others), key=lambda one: one.dueness)
-        return sorted(held, key=lambda one: not one.prepared)
+        held = (self._jobs[job_id] for _, job_id in self._queues[place])
+        return sorted((*held, *others), key=lambda one: (not one.prepared, one.dueness))
 
     def _endangered(self, now: float) -> list[ScheduledJob]:
         """Windows whose frames clients are about to run out of, in order of class and deadline."""

@@ -117,6 +117,12 @@ def test_late_window_does_not_precede_one_that_has_begun() -> None:
     assert next_ids(scheduler, now=5.0) == [1]
 
 
+def test_windows_of_its_class_that_have_begun_come_before_a_late_one() -> None:
+    begun, late, hero = _edit(1, CROWD, 9.0), _edit(2, CROWD, 1.0), _edit(3, HERO, 6.0)
+    scheduler = _under_way(scheduler_of(2, begun, late, hero), 1)
+    assert set(next_ids(scheduler, now=5.0)) == {1, 2}
+
+
 def test_late_window_of_the_background_waits() -> None:
     clip = replace(window_job(9, HERO, 1.0), background=True)
     assert next_ids(scheduler_of(1, clip, _edit(1, CROWD, 6.0)), now=5.0) == [1]

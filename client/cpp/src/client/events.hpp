@@ -38,11 +38,11 @@ class EventQueue {
   static constexpr std::size_t kMost = 65536;
   static constexpr std::size_t kMostBytes = std::size_t{1} << 26;
 
+  Event take_oldest();  // under mutex_
+
   const std::function<void(const Event&)> callback_;
   mutable std::mutex mutex_;
   std::condition_variable idle_;
-  Event take_oldest();
-
   std::deque<Event> events_;
   std::size_t bytes_ = 0;  // of the events' outcomes
   std::uint64_t num_dropped_ = 0;

@@ -11,6 +11,7 @@ import pytest
 from motiongen.v1 import service_pb2, session_pb2
 from motiongen_client import LinePolicy, MotionClient, Session
 from motiongen_client.admin import AdminClient
+from motiongen_client.errors import InvalidInput
 from tests.client.fake_server import FakeServer
 from tests.client.line import Line, open_with_frames
 from tests.client.synthetic import catalog
@@ -145,6 +146,9 @@ async def test_clip_with_wrong_values_is_refused_before_it_is_requested() -> Non
                 assert await is_refused_when_awaited(lambda: client.generate_clip(**arguments)), (  # noqa: B023
                     f"{name} takes {label}"
                 )
+            for name, most in (("num_frames", 100), ("num_samples", 4)):
+                with pytest.raises(InvalidInput, match=rf"^{name}: .*{most + 1}.* 1 to {most} "):
+                    await client.generate_clip(**{"num_frames": 8, name: most + 1})
 
 
 async def test_admin_calls_with_wrong_values_are_refused() -> None:

@@ -141,7 +141,7 @@ def check_request(catalog: Catalog, num_frames: int, num_samples: int, options: 
     """Raise InvalidInput for a request that the server would refuse anyway."""
     limits = catalog.limits
     most_frames, most_samples = limits.max_clip_frames, limits.max_clip_samples
-    check_whole("frames", num_frames, f"1 to {most_frames} frames", least=1, most=most_frames)
-    check_whole("samples", num_samples, f"1 to {most_samples} samples", least=1, most=most_samples)
+    check_whole("num_frames", num_frames, f"1 to {most_frames} frames", least=1, most=most_frames)
+    check_whole("num_samples", num_samples, f"1 to {most_samples} samples", least=1, most=most_samples)
     if options.priority is not Priority.NEAR or options.lookahead_frames is not None:
         raise InvalidInput("options", options, "a clip without priority and lookahead_frames, which sessions have")

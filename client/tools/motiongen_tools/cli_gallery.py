@@ -14,6 +14,7 @@ from motiongen_tools.console import make_console, starting
 from motiongen_tools.gallery.asking import ask_all
 from motiongen_tools.gallery.evaluated import read_takes
 from motiongen_tools.gallery.page_file import Gallery, write_gallery
+from motiongen_tools.out_files import page_path
 from motiongen_tools.server_process import ServerProcess
 
 DEFAULT_SEED = 1
@@ -34,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--takes", type=Path, metavar="FOLDER", help="also show the takes that make gate wrote there")
     parser.add_argument(
-        "--out", type=Path, default=Path("gallery.html"), metavar="FILE", help="the page (default: %(default)s)"
+        "--out", type=page_path, default=Path("gallery.html"), metavar="FILE", help="the page (default: %(default)s)"
     )
     parser.add_argument("--server", metavar="HOST:PORT", help="use this server instead of starting one for each model")
     add_start_timeout(parser)

@@ -23,10 +23,15 @@ def motion_path(text: str) -> Path:
     return _path_in(text, [suffix for suffix in SUFFIXES if suffix != ".json"])
 
 
+def page_path(text: str) -> Path:
+    """As out_path, for a web page."""
+    return _path_in(text, (".html",))
+
+
 def _path_in(text: str, suffixes: Sequence[str]) -> Path:
     path = Path(text)
-    suffix = suffix_of(path)
-    if suffix not in suffixes or not path.name.removesuffix(suffix):
+    suffix = next((known for known in suffixes if path.name.endswith(known)), "")
+    if not path.name.removesuffix(suffix) or not suffix:
         raise argparse.ArgumentTypeError(f"{text!r} was given; allowed is a name that ends in {', '.join(suffixes)}")
     return path
 

@@ -89,7 +89,6 @@ def test_the_output_of_stream_is_a_bvh_file(given: str, file: str) -> None:
         ("generate walk --at 9 --prompt run", "9 s is not before the end, which is at --seconds 6"),
         ("generate walk --out walk.fbx", "allowed is a name that ends in .controller.csv, .csv, .npz"),
         ("generate walk --out .npz", "allowed is a name that ends in"),
-        ("gallery motiongen-mini --out g.pdf", "'g.pdf' was given; allowed is a name that ends in .html"),
         ("generate walk --samples 0", "allowed is a whole number of 1 or more"),
         ("generate walk -- --model g1", "'--model' is for a server that this starts: give --start-server too"),
         ("generate walk --start-server --server a:1", "not allowed with argument"),

@@ -105,6 +105,18 @@ def test_content_that_is_not_a_scenario_is_refused(content: bytes) -> None:
         read_scenario(content, "small.yaml")
 
 
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"name: a\nformat: 1\nname: b", "a.yaml: line 3 gives 'name' again"),
+        (b'{"format": 1,\n "groups": [{"share": 1, "share": 2}]}', "a.yaml: line 2 gives 'share' again"),
+    ],
+)
+def test_names_that_are_there_twice_are_refused(content: bytes, message: str) -> None:
+    with pytest.raises(InvalidScenario, match=message):
+        read_scenario(content, "a.yaml")
+
+
 def test_lives_of_one_length_can_be_drawn_whichever_sign_their_zero_has() -> None:
     whole = document()
     whole["groups"][0]["life"] = {"median_s": 3, "sigma": -0.0}

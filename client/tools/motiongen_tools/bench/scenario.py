@@ -11,8 +11,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from motiongen_client.errors import MissingExtra, MotiongenError, UnknownName
+from motiongen_client.errors import MotiongenError, UnknownName
 from motiongen_client.types import Priority
+from motiongen_tools.bench.yaml_content import parse_yaml
 
 FORMAT = 1
 BUILT_IN = ("crowd", "hero", "planner", "churn", "storm", "mixed")
@@ -121,13 +122,9 @@ def load_scenario(name_or_file: str) -> Scenario:
 def read_scenario(content: bytes, where: str) -> Scenario:
     """A scenario from the bytes of its file. Raises InvalidScenario, whose message begins with `where`."""
     try:
-        import yaml
-    except ImportError:
-        raise MissingExtra("reading a scenario", "pyyaml", "bench") from None
-    try:
-        document = yaml.safe_load(content)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: a number with thousands of digits
-        raise InvalidScenario(f"{where}: not YAML or JSON: {' '.join(str(error).split())}") from None
+        document = parse_yaml(content)
+    except ValueError as error:
+        raise InvalidScenario(f"{where}: {error}") from None
     top = _Fields(document, where, "")
     given = top.take("format", _whole(1))
     if given != FORMAT:

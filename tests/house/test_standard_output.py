@@ -33,6 +33,7 @@ import signal, sys
 from motiongen_tools.output import command
 
 def main():
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where tests run in the background
     print("begun")
     signal.raise_signal(signal.SIGINT)
 

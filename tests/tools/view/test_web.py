@@ -189,7 +189,7 @@ async def test_an_invalid_session_file_is_refused_when_it_is_opened(bridge: Brid
     async with await site_of(bridge, three) as site:
         refused = await site.post("/session/main?name=a.json", content=json.dumps(whole))
         assert (refused.status_code, list(bridge.room("main").characters)) == (400, [])
-        assert "edit at frame 4, prompt_ids: ['1'] was given" in refused.json()["error"]
+        assert "a.json, edits[0], prompt_ids: ['1'] was given" in refused.json()["error"]
         taken = await site.post("/session/main?name=a.json", content=json.dumps({**whole, "edits": []}))
         assert taken.json() == {"numbers": [1]}
 

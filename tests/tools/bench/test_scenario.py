@@ -17,6 +17,7 @@ from motiongen_client.errors import UnknownName
 from motiongen_client.types import Priority
 from motiongen_tools.bench.scenario import BUILT_IN, Group, InvalidScenario, Scenario, load_scenario, read_scenario
 from motiongen_tools.bench.schedule import make_schedule
+from motiongen_tools.bench.yaml_content import parse_yaml
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -115,6 +116,11 @@ def test_content_that_is_not_a_scenario_is_refused(content: bytes) -> None:
 def test_names_that_are_there_twice_are_refused(content: bytes, message: str) -> None:
     with pytest.raises(InvalidScenario, match=message):
         read_scenario(content, "a.yaml")
+
+
+def test_a_name_may_replace_a_merged_one() -> None:
+    merged = parse_yaml(b"usual: &usual {share: 1, priority: NEAR}\ncrowd: {<<: *usual, priority: CROWD}")
+    assert merged == {"usual": {"share": 1, "priority": "NEAR"}, "crowd": {"share": 1, "priority": "CROWD"}}
 
 
 def test_lives_of_one_length_can_be_drawn_whichever_sign_their_zero_has() -> None:

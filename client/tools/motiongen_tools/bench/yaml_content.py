@@ -19,17 +19,22 @@ def parse_yaml(content: bytes) -> object:
     except ImportError:
         raise MissingExtra("reading a scenario", "pyyaml", "bench") from None
     try:
-        root = yaml.compose(content, yaml.SafeLoader)
-        document = yaml.safe_load(content)
+        loader = yaml.SafeLoader(content)
+        try:
+            root = loader.get_single_node()
+            fault = "" if root is None else _repeated_name(root)  # before merged names are put beside a mapping's own
+            document: object = None if root is None else loader.construct_document(root)
+        finally:
+            loader.dispose()
     except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: a number with thousands of digits
         raise ValueError(f"not YAML or JSON: {' '.join(str(error).split())}") from None
-    if root is not None:
-        _check_names(root)
+    if fault:
+        raise ValueError(fault)
     return document
 
 
-def _check_names(root: Node) -> None:
-    """Raise ValueError for a name that is twice in a mapping: the first value would be ignored."""
+def _repeated_name(root: Node) -> str:
+    """What to say of a name that is twice in a mapping, where the first value would be ignored; "" if there is none."""
     from yaml import MappingNode, ScalarNode, SequenceNode
 
     pending, seen = [root], set()
@@ -45,7 +50,8 @@ def _check_names(root: Node) -> None:
             for name, value in node.value:
                 if isinstance(name, ScalarNode) and name.value in names:
                     line = name.start_mark.line + 1
-                    raise ValueError(f"line {line} gives {name.value[:_MOST_QUOTED]!r} again")
+                    return f"line {line} gives {name.value[:_MOST_QUOTED]!r} again"
                 if isinstance(name, ScalarNode):
                     names.add(name.value)
                 pending += (name, value)
+    return ""
